@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from waychair.cli.options.configuration import Configuration
     from waychair.ros.stack import Stack
     from waychair.runtime.processes import Process
+    from waychair.types import Pose2
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
@@ -56,7 +57,7 @@ def up_command(
     mapping
         Make a map during the drive.
     start
-        X,Y,YAW: the chair's pose; default its last pose, else it relocalises.
+        The chair's pose as X,Y,YAW, or with --map a place of the map; default its last pose, else it relocalises.
     lan
         Let other computers on the network see the nodes; without security keys, velocity commands are then ignored.
     fleet
@@ -106,7 +107,6 @@ def _stack(
     configured: Configuration,
 ) -> Stack:
     """Return the configuration of the run that the options describe."""
-    from waychair.cli.options.arguments import pose_from_text
     from waychair.ros.stack import Stack, node_parameters
 
     if chair.unattended and chair.sim is None:
@@ -123,7 +123,7 @@ def _stack(
         seed=chair.seed,
         unattended=chair.unattended,
         ignore_commands=deaf,
-        start=None if start is None else pose_from_text(start, "--start"),
+        start=None if start is None else _start_pose(start, map),
         parameters=files.params,
         urgent=urgent,
         box=files.black_box,
@@ -133,6 +133,16 @@ def _stack(
         namespace=namespace,
         settings=node_parameters(configured.chair, configured.map, configured.simulation, configured.nodes),
     )
+
+
+def _start_pose(text: str, map: Path | None) -> Pose2:
+    """Return the pose that --start gives: a place of the map, or X,Y,YAW."""
+    from waychair.cli.options.arguments import place_from_text, pose_from_text
+    from waychair.maps.drawn.places import load_places
+
+    if map is None:
+        return pose_from_text(text, "--start")
+    return place_from_text(load_places(map), text, "--start").pose
 
 
 def _check(stack: Stack, configured: Configuration) -> None:

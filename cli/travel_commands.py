@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
+from waychair.cli.options.arguments import BadArgument
 from waychair.cli.options.stack_options import ChairAddress
 
 _ADDRESS = ChairAddress()
@@ -101,18 +102,23 @@ def directions_command(
                 client.guide_to("")
 
 
-def storey_command(name: str, /, *, address: ChairAddress = _ADDRESS) -> None:
+def storey_command(name: str = "", /, *, place: str = "", address: ChairAddress = _ADDRESS) -> None:
     """Tell the running chair which storey it is on: when it asks in a lift, or after a restart on another storey.
 
     Parameters
     ----------
     name
-        Id or name of the storey.
+        Id or name of the storey; none with a place whose path names it.
+    place
+        Place at which the chair stands: its name on that storey, or a path such as "First/Ward/Bed 1". The chair is
+        localised anew there.
     """
+    if not (name or place):
+        raise BadArgument("give the storey, or with --place the place at which the chair stands")
     from waychair.errors import RosError
 
     with address.client() as client:
-        done, sentence = client.say_storey(name)
+        done, sentence = client.say_storey(name, place)
     if not done:
         raise RosError(sentence)
     print(sentence)

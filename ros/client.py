@@ -225,14 +225,15 @@ class ChairClient:
         except RosError:
             return None
 
-    def say_storey(self, storey: str, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """Give the rider's word for the storey on which the chair is; return whether it was taken, and a sentence.
+    def say_storey(self, storey: str, place: str = "", timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Give the rider's word for the storey on which the chair is, and the place at which it stands; return whether it was
+        taken, and a sentence.
 
         Raises:
             RosError: the navigator does not answer in time.
         """
         kind = interface_type("waychair_msgs/srv/SayStorey")
-        return self._ask("say_storey", kind, kind.Request(storey=storey), timeout_s)
+        return self._ask("say_storey", kind, kind.Request(storey=storey, place=place), timeout_s)
 
     @property
     def goal_id(self) -> int:

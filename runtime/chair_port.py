@@ -204,6 +204,9 @@ class ChairPort(Protocol):
     def answer_storey(self, storey: str) -> Answer:
         """Take the rider's word for the storey at which the lift stands, one of `ChairView.asks`."""
 
+    def start_at(self, goal: str) -> Answer:
+        """Take the rider's word that the chair stands at a place, here or on another storey; it is localised anew there."""
+
     def guide(self, goal: str, level: int) -> Answer:
         """Guide the rider, who drives, step by step to a goal of the building, at a level of prompting from 0 to 3."""
 

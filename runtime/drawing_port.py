@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
-from waychair.maps.drawn.places import check_place
+from waychair.errors import WaychairError
+from waychair.maps.drawn.places import check_place, find
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.folders.map_drawing import DrawingEditor
-from waychair.runtime.chair_port import Answer, ChairView, GoalView
+from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.chair_story import check_zone
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.types import FloatArray, OccupancyGrid, Place
+from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 NO_GUIDE = "this chair has no building to guide in: open the page with --building FOLDER"
 NOT_ASKED = "the chair does not ask which storey this is"
@@ -34,6 +35,14 @@ class DrawingPort(ABC):
         """See `ChairPort`."""
 
     @abstractmethod
+    def layout(self) -> LayoutView:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
+        """See `ChairPort`."""
+
+    @abstractmethod
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Make a change, pass it to the navigator, and answer `done` or why it was refused."""
 
@@ -44,6 +53,13 @@ class DrawingPort(ABC):
     def answer_storey(self, storey: str) -> Answer:
         """See `ChairPort`; a chair that knows one map never asks."""
         return Answer(False, NOT_ASKED)
+
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`; a place of the map in use."""
+        try:
+            return self.relocalise(find(self.layout().places, goal).pose)
+        except WaychairError as error:
+            return Answer(False, str(error))
 
     def guide(self, goal: str, level: int) -> Answer:
         """See `ChairPort`; a chair that knows one map guides nobody."""

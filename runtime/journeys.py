@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -161,13 +162,17 @@ class Traveller:
         lifts: LiftPort,
         storey: str,
         worker: Executor | None = None,
+        unmapped: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     ) -> None:
-        """`storey`: that of the chair's map now. `worker` prepares maps beside the ticks; None: a tick waits for them."""
+        """`storey`: that of the chair's map now. `worker` prepares maps beside the ticks; None: a tick waits for them.
+
+        `unmapped`: of each lift the heights [m] of stops without a map or a known cabin, at which it may stop as well.
+        """
         self._chair, self._body, self._lifts = chair, body, lifts
         self._maps = {each.storey: each for each in storeys}
         self._sites = {(site.lift, site.storey): site for site in sites}
         self._prepared: dict[str, Future[Any]] = {}
-        self._worker = worker
+        self._worker, self._unmapped = worker, unmapped
         self.storey = storey
         self.journey: Journey | None = None
         self._motion = RideMotion()
@@ -246,6 +251,14 @@ class Traveller:
             return False
         self._chair.change_storey(storey, self._prepared.pop(storey).result(), map_from_base)
         self.storey = storey
+        return True
+
+    def start_at(self, storey: str, map_from_base: Pose2) -> bool:
+        """Localise anew where the rider says, on whichever storey; return False until its map is made ready."""
+        if storey != self.storey:
+            return self.take_storey(storey, map_from_base)
+        self._chair.relocalise(map_from_base)
+        self._chair.doubt_storey(certain=True)
         return True
 
     def prepare(self, storey: str) -> None:
@@ -338,7 +351,8 @@ class Traveller:
             }
 
     def _stops(self, lift: str) -> list[str]:
-        return [storey for name, storey in self._sites if name == lift]
+        """Return the stops of a lift that have a map."""
+        return [storey for name, storey in self._sites if name == lift and storey in self._maps]
 
     def _chances(self, journey: Journey, site: LiftSite | None, now_ns: int) -> dict[str, float]:
         if site is None or not self._is_aboard(journey):
@@ -346,7 +360,8 @@ class Traveller:
         aboard = self._aboard
         return probabilities(
             Evidence(
-                heights={stop: self._maps[stop].height for stop in self._stops(site.lift)},
+                heights={stop: self._maps[stop].height for stop in self._stops(site.lift)}
+                | dict(self._unmapped.get(site.lift, {})),
                 began=aboard.began,
                 asked=journey.next_storey,
                 climb=self._motion.climb(),
@@ -387,6 +402,7 @@ class Traveller:
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
             riding=self._motion.riding,
             chances=self._chances(journey, site, state.stamp_ns),
+            without_map=frozenset(self._unmapped.get("" if site is None else site.lift, ())),
             localised=localised,
         )
 

@@ -39,7 +39,7 @@ RESTART_PAUSE_S = 0.2  # s; from a death to the restart
 END_PATIENCE_S = 5.0  # s; time for a process to end by itself before it is killed
 IDLE_HANG_S = 5.0  # s; an idle process without a heartbeat counts as hung after this time
 BUSY_HANG_S = 120.0  # s; the same for a computing process, which may compile kernels or read a large map
-IDLE_SHARE = 0.1  # share of one processor below which a process is idle
+IDLE_SHARE = 0.1  # share of the time below which a process that neither computes nor waits for a processor is idle
 
 _LIBC = ctypes.CDLL(
     None
@@ -70,6 +70,7 @@ class _Running:
     deaths: deque[float] = field(default_factory=deque)
     beaten_s: float | None = None  # time of the latest heartbeat; None before the first
     used_s: float = 0.0  # CPU time at that heartbeat
+    waited_s: float = 0.0  # time at that heartbeat for which threads had been ready, and had no processor
 
     @property
     def sentence(self) -> str:
@@ -158,7 +159,7 @@ class Supervision:
     def _kill_hung(self, now: float) -> None:
         """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing.
 
-        One that would compute, but has no processor because others have them, is not idle.
+        One that would compute, but has no processor because others have them, or that waits for the disk, is not idle.
 
         With the first heartbeat of a process comes its priority.
         """
@@ -169,13 +170,14 @@ class Supervision:
                 if each.beaten_s is None:
                     _prioritise(each.process.pid, each.row.priority)
                 each.beaten_s, each.used_s = now, _cpu_s(each.process.pid)
+                each.waited_s = _waited_s(each.process.pid)
             if each.beaten_s is None or each.process.poll() is not None:
                 continue
             silent_s = now - each.beaten_s
             if silent_s <= IDLE_HANG_S:
                 continue
-            used_s = _cpu_s(each.process.pid) - each.used_s
-            idle = used_s < IDLE_SHARE * silent_s and not _waits_for_processor(each.process.pid)
+            wanted_s = _cpu_s(each.process.pid) - each.used_s + max(_waited_s(each.process.pid) - each.waited_s, 0.0)
+            idle = wanted_s < IDLE_SHARE * silent_s and not _is_held_up(each.process.pid)
             if idle or silent_s > BUSY_HANG_S:
                 self._report(f"'{each.row.name}' has hung for {silent_s:.1f} s: it is killed")
                 each.process.kill()
@@ -241,13 +243,24 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _waits_for_processor(pid: int) -> bool:
-    """Return whether a thread of a process is ready to run (proc(5)); false where it is unknown."""
+def _waited_s(pid: int) -> float:
+    """Return the time [s] for which the threads of a process were ready, but had no processor (proc(5), schedstat).
+
+    A single look at the threads would miss it where they wait for each other in turn. 0 where it is unknown.
+    """
+    with suppress(OSError, ValueError, IndexError):
+        texts = [path.read_text(encoding="ascii") for path in Path(f"/proc/{pid}/task").glob("*/schedstat")]
+        return sum(int(text.split()[1]) for text in texts) * 1e-9
+    return 0.0
+
+
+def _is_held_up(pid: int) -> bool:
+    """Return whether a thread of a process is ready to run, or waits for the disk (proc(5)); false where it is unknown."""
     with suppress(OSError):
         threads = [
             path.read_text(encoding="ascii", errors="replace") for path in Path(f"/proc/{pid}/task").glob("*/stat")
         ]
-        return any(text.rpartition(") ")[2].startswith("R") for text in threads)
+        return any(text.rpartition(") ")[2].startswith(("R", "D")) for text in threads)
     return False
 
 

@@ -100,6 +100,7 @@ MIRRORS = {
     "Stack": "the options of `waychair up`",
     "Tick": "the black box's record",
     "VdaState": "a message of VDA 5050",
+    "World": "a world's file",
 }
 """Classes with more than fifteen attributes, and the thing whose fields each one repeats."""
 

@@ -161,6 +161,10 @@ class DemoPage(DemoWatcher, WithoutCells, WithoutHaptics, WithoutLevels):
         """See `ChairPort`."""
         return _NOT_HERE
 
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`."""
+        return _NOT_HERE
+
     def guide(self, goal: str, level: int) -> Answer:
         """See `ChairPort`."""
         return _NOT_HERE

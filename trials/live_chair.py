@@ -317,6 +317,18 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
 
         return self._request(done)
 
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`."""
+        journeys = self._journeys
+        if journeys is None or goal in self._map.drawing.places:
+            return DrawingPort.start_at(self, goal)
+        try:
+            storey, place = journeys.place(goal)
+        except WaychairError as error:
+            return Answer(False, str(error))
+        drives = self._view.mode is DriveMode.AUTONOMOUS
+        return self._request(lambda: journeys.start_at(storey, place.pose, drives=drives))
+
     def guide(self, goal: str, level: int) -> Answer:
         """See `ChairPort`."""
         journeys = self._journeys
@@ -470,6 +482,8 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         journeys = self._journeys
         if journeys is not None and journeys.under_way:
             self._display.label = journeys.leg_label()
+        if journeys is not None:
+            journeys.tags.look(messages)
         self._display.hear(messages, state)
         self._picture.hear(messages)
         self._haptics = state.haptics

@@ -13,10 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.journey.building_legs import stops_without_map
 from waychair.control.journey.journey import Leg, Phase
 from waychair.control.safety.stops import Halt
 from waychair.errors import BuildingError, WaychairError
-from waychair.maps.building.building import Building
+from waychair.maps.building.building import Building, load_building
 from waychair.maps.building.zone_rules import with_zones
 from waychair.planning.building.guided_ways import GuidedWays
 from waychair.planning.building.hierarchical import RoutePlanner
@@ -28,6 +29,7 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import Answer, ChairView, GoalView
 from waychair.runtime.drawing_port import NOT_ASKED
 from waychair.runtime.drive_base import ChairMessage
+from waychair.runtime.drive_times import DriveTimes
 from waychair.runtime.guiding import Guide, guided_chair, guided_view
 from waychair.runtime.habits import Habits
 from waychair.runtime.journeys import PRESS_AGAIN_S, StoreyMap, Traveller, TravelState
@@ -35,8 +37,9 @@ from waychair.runtime.sentences import sentence
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.trials.live_map import LiveMap
+from waychair.trials.live_tags import LiveTags
 from waychair.trials.travel.journeys import ToldRider, sites_of
-from waychair.types import Pose2
+from waychair.types import Place, Pose2
 
 MOVED_M = 1.0
 """m; the goals' times are computed anew once the chair is so far from where they were computed last."""
@@ -65,6 +68,17 @@ class LiveBuilding:
         return {level: LiveMap(folder) for level, folder in folders.items() if folder is not None}
 
 
+@dataclass(slots=True)
+class _Asked:
+    """The goal's name of the journey under way, or of the one that waits for the rider's yes; the legs of the one that waits;
+    why the last one failed.
+    """
+
+    label: str = ""
+    legs: tuple[Leg, ...] = ()
+    over: str = ""
+
+
 class LiveJourneys:
     """A `Traveller` with the building's goals; a `Stepper` of the chair's loop."""
 
@@ -86,21 +100,24 @@ class LiveJourneys:
         """
         self._building, self._worker = site.building, worker
         self.maps = maps
-        self.label = ""
-        """Name of the goal of the journey under way, or of the one that waits for the rider's yes."""
+        self._asked = _Asked()
         self._sites = sites_of(lifts, CHAIR_A)
         self._planner = RoutePlanner(with_zones(site.building))
         self._lock = threading.Lock()  # of the planner and the costmaps
         self._costmaps: dict[str, tuple[tuple[int, int], Costmap]] = {}
         self._goals: tuple[str, Pose2, tuple[GoalView, ...]] = storey, start, ()
         self._time_goals(storey, start)  # its kernels are loaded before the first tick
-        self._pending: tuple[Leg, ...] = ()
         self._state: TravelState | None = None
-        self._over = ""
         heights = {each.id: each.height for each in site.building.hgraph.storeys}
         storeys = [_storey_map(level, known, heights[level]) for level, known in maps.items()]
         buttons = ToldRider(lifts)
-        self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, buttons, storey, worker)
+        unmapped = stops_without_map(site.building.hgraph, self._sites, maps)
+        self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, buttons, storey, worker, unmapped)
+        self.tags = LiveTags(self._planner.hgraph, chair, self.traveller, worker)
+        """The tags that the camera sees."""
+        self._times = DriveTimes(
+            site.building.folder, lambda: habits is not None and habits.wanted, worker, self._take_times
+        )
         self._guide = Guide(lambda: chair.odom_from_base, habits, worker)
         self._pressed = Pressed(buttons)
 
@@ -121,12 +138,14 @@ class LiveJourneys:
         if self.map is not before:  # a page asks for what has changed
             self.map.revision = before.revision + 1
             self.map.layout_revision = before.layout_revision + 1
+        self.tags.step(state.chair)
+        self._times.step(state.chair, self.traveller.storey)
         self._guide.step(guided_chair(state.chair), self.traveller.storey)
         if not self.under_way:
             self._pressed.press(self._guide.buttons, now_ns)
         journey = state.journey
         if journey is not None and journey.ended:
-            self._over = sentence(journey.why) if journey.phase is Phase.FAILED else ""
+            self._asked.over = sentence(journey.why) if journey.phase is Phase.FAILED else ""
             self.traveller.drop()
         return state.chair
 
@@ -137,6 +156,17 @@ class LiveJourneys:
             BuildingError: there is no such goal, it is no place of its map, or a lift on the way has no cabin.
             NoPath, PlanningError: there is no way, or the chair does not stand on free ground.
         """
+        _, place = self.place(goal)
+        with self._lock:
+            start, _ = nearest_node(self._planner.hgraph, storey, pose, self._costmap(storey))
+            return legs_to(self._planner, self._sites, CHAIR_A, start, self._planner.node(goal), place)
+
+    def place(self, goal: str) -> tuple[str, Place]:
+        """Return the storey and the place of a goal of the building; any thread.
+
+        Raises:
+            BuildingError: there is no such goal, or it is no place of its map.
+        """
         with self._lock:
             ref = self._planner.node(goal)
             hgraph = self._planner.hgraph
@@ -144,8 +174,16 @@ class LiveJourneys:
             place = None if node is None or there not in self.maps else self.maps[there].drawing.places.get(node.name)
             if place is None:
                 raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
-            start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
-            return legs_to(self._planner, self._sites, CHAIR_A, start, ref, place)
+            return there, place
+
+    def start_at(self, storey: str, pose: Pose2, *, drives: bool) -> Answer:
+        """Take the rider's word for where the chair stands, unless it drives, or a journey is under way."""
+        if drives or self.traveller.journey is not None:
+            return Answer(False, "the chair is on its way: cancel the drive first, then say where it is")
+        title = self._title(storey)
+        if not self.traveller.start_at(storey, pose):
+            return Answer(False, f"the map of {title} is being made ready: say it again in a moment")
+        return Answer(True, f"the chair localises itself there, on {title}")
 
     def guided_ways(self) -> GuidedWays:
         """Return the ways to guide over, of the maps as they are drawn now; any thread.
@@ -186,14 +224,14 @@ class LiveJourneys:
 
     def ask(self, label: str, legs: Sequence[Leg]) -> None:
         """Note the legs of the journey that waits for the rider's yes, () for a drive on this storey; prepare its maps."""
-        self.label, self._pending, self._over = label, tuple(legs), ""
+        self._asked = _Asked(label, tuple(legs))
         self.traveller.drop()
         for storey in {leg.storey for leg in legs} - {self.traveller.storey}:
             self.traveller.prepare(storey)
 
     def begin(self, now_ns: int) -> bool:
         """Begin the journey that waits, by the rider's yes; return whether there is one."""
-        legs, self._pending = self._pending, ()
+        legs, self._asked.legs = self._asked.legs, ()
         if legs:
             self.traveller.go(legs, now_ns)
         return bool(legs)
@@ -222,11 +260,11 @@ class LiveJourneys:
             view = replace(view, asks=self._guide.at_stops)
         state, journey = self._state, self.traveller.journey
         if state is None or journey is None:
-            return replace(view, last_stop=self._over) if self._over else view
+            return replace(view, last_stop=self._asked.over) if self._asked.over else view
         drives = state.order.goal is not None and journey.phase is not Phase.HELD and not view.waits
         return replace(
             view,
-            goal=self.label,
+            goal=self._asked.label,
             waits=False,
             paused=view.paused or journey.phase is Phase.HELD,
             next_action=view.next_action if drives else sentence(state.order.sentence),
@@ -238,7 +276,14 @@ class LiveJourneys:
         """Return the goal of the drive under way for people: a lift, or the journey's goal."""
         journey = self.traveller.journey
         lift = "" if journey is None else journey.here.lift
-        return lift_title(self._building.hgraph.lifts[lift]) if lift else self.label
+        return lift_title(self._building.hgraph.lifts[lift]) if lift else self._asked.label
+
+    def _take_times(self) -> None:
+        """Plan by the times that were learnt, from the next goal on; in the worker."""
+        building = load_building(self._building.folder)
+        planner = RoutePlanner(with_zones(building))
+        with self._lock:
+            self._building, self._planner = building, planner
 
     def _title(self, storey: str) -> str:
         return next((each.name or each.id for each in self._building.hgraph.storeys if each.id == storey), storey)

@@ -156,6 +156,7 @@ COMMANDS: Mapping[str, _Command] = {
     "pause": _Command(_NoArguments, lambda port, _: port.pause()),
     "go_on": _Command(_NoArguments, lambda port, _: port.go_on()),
     "storey": _Command(_StoreyArguments, lambda port, asked: port.answer_storey(asked.storey)),
+    "start_at": _Command(_PlaceNameArguments, lambda port, asked: port.start_at(asked.goal)),
     "guide": _Command(_GuideArguments, lambda port, asked: port.guide(asked.goal, asked.level)),
     "lead": _Command(_PlaceNameArguments, lambda port, asked: port.lead(asked.goal)),
     "end_lead": _Command(_NoArguments, lambda port, _: port.end_lead()),

@@ -75,6 +75,7 @@ def drive_command(
     goal: Annotated[str, Parameter(name=["--to", "--goal"])],
     seed: NonNegativeInt = 0,
     passengers: NonNegativeInt = 0,
+    learn: bool = False,
     quiet: bool = False,
 ) -> None:
     """Let a simulated chair travel between two places of a building, also on different storeys. Fails if it does not arrive.
@@ -91,16 +92,20 @@ def drive_command(
         Seed of the simulated chair and of the passengers.
     passengers
         People who travel by the lifts all the time.
+    learn
+        Keep the driving times in the building, where they replace the estimates once an arc has five.
     quiet
         Print nothing but errors.
     """
     import time
+    from concurrent.futures import ThreadPoolExecutor
 
     from waychair.cli.options.messages import sayer
     from waychair.maps.building.building import load_building
     from waychair.maps.building.indexed import indexed
     from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.hierarchical import Method, RoutePlanner
+    from waychair.runtime.drive_times import DriveTimes
     from waychair.runtime.journeys import TravelState
     from waychair.simulation.simulator import Simulator
     from waychair.trials.travel.building_drive import drive_in_building
@@ -108,6 +113,7 @@ def drive_command(
     say, told = sayer(quiet), [""]
 
     def tell(state: TravelState, simulator: Simulator) -> None:
+        times.step(state.chair, state.storey)
         if state.order.sentence != told[0]:
             told[0] = state.order.sentence
             say(f"{simulator.now_ns * 1e-9:6.1f} s, storey {state.storey}: {told[0]}")
@@ -115,7 +121,9 @@ def drive_command(
     building = load_building(folder)
     hgraph = with_zones(building)
     planner = RoutePlanner(hgraph, Method.ASTAR, built=indexed(hgraph, time.time_ns()))
-    record = drive_in_building(building, planner, planner.node(start), planner.node(goal), seed, passengers, tell)
+    with ThreadPoolExecutor(1, "times") as worker:
+        times = DriveTimes(folder, lambda: learn, worker)
+        record = drive_in_building(building, planner, planner.node(start), planner.node(goal), seed, passengers, tell)
     if not record.arrived:
         print(f"waychair: {goal} was not reached: {record.why}", file=sys.stderr)
         sys.exit(1)

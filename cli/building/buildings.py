@@ -55,6 +55,12 @@ buildings_app.command(
 )
 
 buildings_app.command(
+    "waychair.cli.building.building_tags:tag_command",
+    name="tag",
+    help="Write an AprilTag to print, which tells a chair where it is.",
+)
+
+buildings_app.command(
     "waychair.cli.building.building_editor:edit_command",
     name="edit",
     help="Open the editor of a building in the browser.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.journey.journey import Leg
@@ -36,6 +36,16 @@ def sites_of_building(hgraph: HGraph) -> tuple[LiftSite, ...]:
     return tuple(
         _site(hgraph, lift, stop) for lift in hgraph.lifts.values() for stop in lift.stops if stop.cabin is not None
     )
+
+
+def stops_without_map(hgraph: HGraph, sites: Sequence[LiftSite], mapped: Container[str]) -> dict[str, dict[str, float]]:
+    """Return of each lift the heights [m] of its stops on storeys without a map, or where its cabin is not known."""
+    known = {(site.lift, site.storey) for site in sites if site.storey in mapped}
+    heights = {storey.id: storey.height for storey in hgraph.storeys}
+    return {
+        lift.id: {stop.storey: heights[stop.storey] for stop in lift.stops if (lift.id, stop.storey) not in known}
+        for lift in hgraph.lifts.values()
+    }
 
 
 def legs_of_route(

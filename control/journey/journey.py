@@ -88,7 +88,7 @@ class JourneyView:
     `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift, `clear_of_lift`: the whole chair is
     out of it. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `riding`: the
     IMU feels a ride. `chances`: probabilities of the
-    lift's stops. `localised`: the pose on the present map is certain.
+    lift's stops; of those in `without_map` there is none. `localised`: the pose on the present map is certain.
     """
 
     now_ns: int
@@ -103,6 +103,7 @@ class JourneyView:
     cabin_free: bool | None = True
     riding: bool = False
     chances: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    without_map: frozenset[str] = frozenset()
     localised: bool = False
 
 
@@ -271,11 +272,16 @@ def _which(journey: Journey, view: JourneyView) -> Journey:
     if storey == journey.here.storey and not journey.cancelled:
         # it has not left: the door opened again
         return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries)
+    unmapped = f"this is {storey}, of which there is no map"
+    if storey in view.without_map and journey.cancelled:
+        return _held(journey, view, f"{unmapped}: ride to another storey, or drive out by the joystick")
     if storey != journey.next_storey and not journey.cancelled:
         if journey.tries + 1 >= MOST_TRIES:
             why = f"the lift stops at {storey} instead of {journey.next_storey}: press its button, then go on"
             return _held(journey, view, why)
-        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries + 1)
+        what = unmapped if storey in view.without_map else f"this is {storey}"
+        why = f"{what}: press {journey.next_storey} again, and stay in the lift"
+        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries + 1, why=why)
     return replace(_to(journey, Phase.SWITCH, view.now_ns, tries=journey.tries), to=storey)
 
 
@@ -366,7 +372,7 @@ def _order(journey: Journey, view: JourneyView) -> Order:
     if journey.phase is Phase.ENTER:
         return Order("drives into the lift", goal=here.cabin, key=key, hold=True)
     if journey.phase is Phase.RIDE:
-        return Order(f"press {there}: the chair waits until the lift is there", call=there)
+        return Order(journey.why or f"press {there}: the chair waits until the lift is there", call=there)
     if journey.phase is Phase.WHICH:
         ask = tuple(view.chances) if decided(view.chances) is None and _lasts_s(journey, view) > SEEN_OPEN_S else ()
         return Order("which storey is this? choose it" if ask else "finds out the storey", hold=True, ask=ask)

@@ -21,6 +21,9 @@ ASKED = 0.6
 OUTLIER = 1e-3
 """Probability that the measured climb means nothing."""
 
+MISFIT = math.log(2.0 * OUTLIER)
+"""Log-likelihood below which a climb leads to no stop: 3.7 standard deviations away from it."""
+
 WORD = 1000.0
 """Odds by which the word of the rider, an adapter or a tag counts."""
 
@@ -42,7 +45,8 @@ _INDEPENDENT = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What is known of a lift's stop: the heights [m] of its stops, the one where the ride began and the one asked for.
+    """What is known of a lift's stop: the heights [m] of all its stops, also of those without a map, the one where the ride
+    began and the one asked for.
 
     `climb` and `pressure`: height and deviation [m] by the IMU and by a barometer; None without. `match`: log-likelihoods
     of the storeys by what the lidar sees through the door. `told`: a lift adapter's or a tag's word. `rider`: the rider's.
@@ -59,16 +63,23 @@ class Evidence:
 
 
 def probabilities(known: Evidence) -> dict[str, float]:
-    """Return the probability of each stop."""
+    """Return the probability of each stop; all are equal, but for words, if a measured climb leads to none of them.
+
+    Such a lift stands where nobody knows a stop, and neither a wish nor a likeness of walls may decide.
+    """
     stops = list(known.heights)
     others = max(len(stops) - 1, 1)
     odds = {stop: math.log(ASKED if stop == known.asked else (1.0 - ASKED) / others) for stop in stops}
+    is_known = True
     for measured in (known.climb, known.pressure):
         if measured is not None:
-            for stop in stops:
-                odds[stop] += _of_climb(known.heights[stop] - known.heights[known.began], measured)
+            of_climb = {s: _of_climb(known.heights[s] - known.heights[known.began], measured) for s in stops}
+            is_known = is_known and max(of_climb.values()) > MISFIT
+            odds = {stop: odds[stop] + of_climb[stop] for stop in stops}
     for stop, seen in without_alike(known.match).items():
         odds[stop] += seen
+    if not is_known:
+        odds = dict.fromkeys(stops, 0.0)
     for word in (known.told, known.rider):
         if word in odds:
             odds[word] += math.log(WORD)

@@ -125,7 +125,6 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.listen(topics.LOCALISATION, read_localisation_on_floor, self._take_localisation)
         self.listen(topics.SCAN, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
         self.listen(topics.DRIVE_STATE, read_drive_state, self._take_drive_state)
-        self._senses = NavigatorSenses(self, self, camera=s.camera)
         self.listen(topics.GOAL, read_pose_stamped, self._take_goal, self.refuse, needed=False)
         full_speed = s.limiter.max_speed
         self.listen(
@@ -136,6 +135,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             BuildingRoutes(self, self._layout.folder, self._calibration.body, self._drive_now),
             Journeys(self, self, self._calibration.body),
         )
+        self._senses = NavigatorSenses(self, self, self._building.journeys.tags.look, camera=s.camera)
         self.serve("cancel", self._answer_cancel)
         self.serve("pause", self._answer_pause)
         self.serve("go_on", self._answer_go_on)

@@ -30,6 +30,7 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from waychair.maps.building.april_tags import MOST
 from waychair.simulation.scene.scene import Finish
 
 Keys: TypeAlias = tuple[str | int, ...]
@@ -78,6 +79,16 @@ class PlanPoster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int | None = None
 
 
+class PlanTag(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An AprilTag on a wall, placed as a poster; `size` [m] is its side with the white edge."""
+
+    at: float
+    number: Annotated[int, Meta(ge=0, lt=MOST)]
+    side: Literal["left", "right"] = "left"
+    height: Height = 1.2
+    size: Length = 0.25
+
+
 class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A straight wall between two points, up to the ceiling; at least two cells thick, so that a slanted wall has no
     holes. `material` defaults to that of the finish; walls with equal `seed` look alike.
@@ -88,6 +99,7 @@ class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     thickness: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.1
     doors: list[PlanDoor] = []
     posters: list[PlanPoster] = []
+    tags: list[PlanTag] = []
     material: str = ""
     seed: int | None = None
 

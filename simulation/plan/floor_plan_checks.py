@@ -20,6 +20,7 @@ from waychair.simulation.plan.floor_plan import (
     PlanDoor,
     PlanPerson,
     PlanPoster,
+    PlanTag,
     PlanWall,
     Point,
 )
@@ -91,21 +92,23 @@ def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
             if _overlap(door.at, door.width, other):
                 yield ("doors", k, "at"), f"the doors at {other.at:g} and {door.at:g} m overlap; move one"
     for k, poster in enumerate(wall.posters):
-        yield from ((("posters", k, key), problem) for key, problem in _poster_problems(poster, wall, plan))
+        yield from ((("posters", k, key), problem) for key, problem in _hung_problems("poster", poster, wall, plan))
+    for k, tag in enumerate(wall.tags):
+        yield from ((("tags", k, key), problem) for key, problem in _hung_problems("tag", tag, wall, plan))
 
 
-def _poster_problems(poster: PlanPoster, wall: PlanWall, plan: FloorPlan) -> Iterator[tuple[str, str]]:
-    width, high = poster.size
-    if not _on_wall(poster.at, width, wall):
+def _hung_problems(what: str, hung: PlanPoster | PlanTag, wall: PlanWall, plan: FloorPlan) -> Iterator[tuple[str, str]]:
+    width, high = (hung.size, hung.size) if isinstance(hung, PlanTag) else hung.size
+    if not _on_wall(hung.at, width, wall):
         yield (
             "at",
-            f"a poster of {width:g} m at {poster.at:g} m lies outside its wall of {wall.length:g} m; move it inside",
+            f"a {what} of {width:g} m at {hung.at:g} m lies outside its wall of {wall.length:g} m; move it inside",
         )
     for door in wall.doors:
-        if _overlap(poster.at, width, door):
-            yield "at", f"the poster at {poster.at:g} m hangs in the door at {door.at:g} m; move it"
-    if not high / 2 - _SLACK <= poster.height <= plan.finish.height - high / 2 + _SLACK:
-        yield "height", f"a poster {high:g} m high at {poster.height:g} m reaches beyond its wall of height {plan.finish.height:g} m; hang it elsewhere"  # fmt: skip
+        if _overlap(hung.at, width, door):
+            yield "at", f"the {what} at {hung.at:g} m hangs in the door at {door.at:g} m; move it"
+    if not high / 2 - _SLACK <= hung.height <= plan.finish.height - high / 2 + _SLACK:
+        yield "height", f"a {what} {high:g} m high at {hung.height:g} m reaches beyond its wall of height {plan.finish.height:g} m; hang it elsewhere"  # fmt: skip
 
 
 def _on_wall(at: float, width: float, wall: PlanWall) -> bool:

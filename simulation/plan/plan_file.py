@@ -32,6 +32,7 @@ _SECTIONS: dict[str, type[msgspec.Struct]] = {
     "walls": floor_plan.PlanWall,
     "doors": floor_plan.PlanDoor,
     "posters": floor_plan.PlanPoster,
+    "tags": floor_plan.PlanTag,
     "boxes": floor_plan.PlanBox,
     "tables": floor_plan.PlanTable,
     "ramps": floor_plan.PlanRamp,

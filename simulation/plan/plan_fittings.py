@@ -1,4 +1,4 @@
-"""The fittings of a floor plan: finish, lamps, posters and people."""
+"""The fittings of a floor plan: finish, lamps, posters, tags and people."""
 
 from __future__ import annotations
 
@@ -13,7 +13,17 @@ from waychair.maps.grid.cells import cells_from_points, points_from_cells
 from waychair.maps.grid.distance_field import distance_field
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
 from waychair.simulation.plan.plan_blocks import pose_on_wall, solid_pieces
-from waychair.simulation.scene.scene import MATERIALS, Behaviour, Block, Finish, Lamp, PersonPlan, Poster, Reflection
+from waychair.simulation.scene.scene import (
+    MATERIALS,
+    Behaviour,
+    Block,
+    Finish,
+    Lamp,
+    PersonPlan,
+    Poster,
+    Reflection,
+    WallTag,
+)
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -43,6 +53,15 @@ def lamps_from_plan(plan: FloorPlan, blocks: Sequence[Block]) -> tuple[Lamp, ...
     )
     points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, under)])
     return tuple(Lamp(x, y, z, plan.light.power) for x, y, z in points[~within_any(points, blocks)].tolist())
+
+
+def tags_from_plan(plan: FloorPlan) -> tuple[WallTag, ...]:
+    """Return the AprilTags on the plan's walls."""
+    return tuple(
+        WallTag(tag.number, _pose_on_face(wall, tag.at, tag.side == "left"), tag.height, tag.size)
+        for wall in plan.walls
+        for tag in wall.tags
+    )
 
 
 def within_any(points: FloatArray, blocks: Sequence[Block]) -> BoolArray:

@@ -37,9 +37,10 @@ from waychair.simulation.plan.plan_fittings import (
     lamps_from_plan,
     people_from_plan,
     posters_from_plan,
+    tags_from_plan,
 )
 from waychair.simulation.scene.rectangles import blocks_from_grid
-from waychair.simulation.scene.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope
+from waychair.simulation.scene.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope, WallTag
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
 
@@ -89,6 +90,7 @@ class World:
     slopes: tuple[Slope, ...] = ()
     pits: tuple[Pit, ...] = ()
     posters: tuple[Poster, ...] = ()
+    tags: tuple[WallTag, ...] = ()
     lamps: tuple[Lamp, ...] = ()
     finish: Finish = field(default_factory=Finish)
     people: tuple[PersonPlan, ...] = ()
@@ -251,6 +253,7 @@ def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()
         slopes=slopes,
         pits=pits,
         posters=posters_from_plan(plan, building, blocks),
+        tags=tags_from_plan(plan),
         lamps=lamps_from_plan(plan, blocks),
         finish=finish_from_plan(plan),
         people=people_from_plan(plan, building, grid),

@@ -111,6 +111,16 @@ class Poster:
 
 
 @dataclass(frozen=True, slots=True)
+class WallTag:
+    """An AprilTag on a wall: `middle` is its pose in map, facing out, `height` [m] above the floor; `side` [m] with its edge."""
+
+    number: int
+    middle: Pose2
+    height: float
+    side: float
+
+
+@dataclass(frozen=True, slots=True)
 class Lamp:
     """A fixed lamp at (x, y, z) [m]; power 1 gives the light of an office."""
 

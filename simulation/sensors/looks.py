@@ -92,6 +92,7 @@ PATTERNS: Mapping[str, Pattern] = MappingProxyType(
             density=0.7, stretch=1.4, tilt=1.0, colourful=0.6, variety=0.6,
         ),
         "clothes": Pattern(Clouds(0.2, 0.4, 0.2), contrasts=(0.5, 0.4, 0.3, 0.2), colourful=0.3, variety=0.9),
+        "print": Pattern(Clouds(0.5, 0.5, 0.0), contrasts=(0.0, 0.0, 0.0, 0.0)),
         "lamp": Pattern(Clouds(0.5, 0.5, 0.02), contrasts=(0.0, 0.0, 0.02, 0.0)),
     }
 )  # fmt: skip
@@ -113,6 +114,8 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
         "black_leather": Look("leather", MATERIALS["black_leather"].colour, 0.5),
         "mirror": Look("mirror", MATERIALS["mirror"].colour, 0.0),
         "poster": Look("poster", (0.6, 0.6, 0.6)),
+        "paper": Look("print", (0.82, 0.82, 0.80)),
+        "ink": Look("print", (0.04, 0.04, 0.04)),
         "clothes": Look("clothes", (0.3, 0.3, 0.3)),
         "skin": Look("skin", (0.55, 0.38, 0.28)),
         "lamp": Look("lamp", (0.98, 0.98, 0.95), 0.6),

@@ -1,4 +1,4 @@
-"""The flat faces of a world for the camera: blocks, ramps, pits, posters, lamps, floor and ceiling.
+"""The flat faces of a world for the camera: blocks, ramps, pits, posters, tags, lamps, floor and ceiling.
 
 A face has plane coordinates (u, v) [m]: the point (u, v) is `anchor + u * axes[0] + v * axes[1]`, and the normal
 `axes[0] x axes[1]` points outwards. Patterns are drawn in these coordinates.
@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from waychair.geometry import rectangle, transform_points
+from waychair.maps.building.april_tags import PARTS, tag_parts
 from waychair.simulation.plan.world import World
-from waychair.simulation.scene.scene import Block, Pit, Poster, Slope
+from waychair.simulation.scene.scene import Block, Pit, Poster, Slope, WallTag
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import FloatArray, IntArray, Pose2
 
@@ -76,6 +77,7 @@ def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
     for pit in (*world.pits, *world.gaps):
         faces += _pit_faces(pit, world.finish.floor)
     faces += [_poster_face(poster) for poster in world.posters]
+    faces += [face for tag in world.tags for face in _tag_faces(tag)]
     for lamp in world.lamps:
         faces.append(
             _level_face(
@@ -169,6 +171,21 @@ def _poster_face(poster: Poster) -> Face:
     anchor = np.array([poster.middle.x, poster.middle.y, poster.height]) + POSTER_GAP * out
     outline = _upright(poster.length, -poster.width / 2, poster.width / 2)
     return Face(anchor, np.stack([left, _UP]), outline, "poster", _mixed(poster.seed, 0))
+
+
+def _tag_faces(tag: WallTag) -> Iterator[Face]:
+    """Yield a tag's parts: one rectangle for each run of equal ones in a row."""
+    out, left = _directions(tag.middle.theta)
+    anchor = np.array([tag.middle.x, tag.middle.y, tag.height]) + POSTER_GAP * out
+    black, part = tag_parts(tag.number), tag.side / PARTS
+    for row in range(PARTS):
+        ends = np.flatnonzero(np.diff(black[row], prepend=~black[row, :1], append=~black[row, -1:]))
+        high = tag.side / 2 - row * part
+        for begin, end in pairwise(ends.tolist()):
+            # seen from in front, the first part of a row is on the left, which is where u is least
+            u, w = begin * part - tag.side / 2, end * part - tag.side / 2
+            outline = np.array([[u, high - part], [w, high - part], [w, high], [u, high]])
+            yield Face(anchor, np.stack([left, _UP]), outline, "ink" if black[row, begin] else "paper", 0)
 
 
 def _side_faces(

@@ -175,6 +175,30 @@ def test_a_process_that_computes_and_one_without_heartbeats_get_more_time(
 
 
 @pytest.mark.usefixtures("soon_hung")
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="this system does not tell who waits")
+def test_a_process_that_others_keep_from_the_processor_is_not_hung(
+    modules: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "_is_held_up", lambda pid: False)  # a look between two of its turns
+    cpu = {min(os.sched_getaffinity(0))}
+    with (
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) as hog,
+        Supervision([Process("one", "computes")], environment(modules)) as running,
+    ):
+        pid = running.pids["one"]
+        until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
+        os.setpriority(os.PRIO_PROCESS, pid, 19)  # the other one gets seventy times as much
+        for each in (pid, hog.pid):
+            os.sched_setaffinity(each, cpu)
+        ends = time.monotonic() + 1.5
+        while time.monotonic() < ends:
+            assert running.watch() == ""
+            time.sleep(0.01)
+        hog.kill()
+        assert running.pids["one"] == pid
+
+
+@pytest.mark.usefixtures("soon_hung")
 def test_a_process_that_computes_for_too_long_counts_as_hung(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "BUSY_HANG_S", 1.0)
     with Supervision([Process("one", "computes")], environment(modules)) as running:

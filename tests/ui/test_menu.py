@@ -191,6 +191,21 @@ def test_ten_presses_measure_the_time_per_item(browser: Browser, building: WithG
         assert 0.3 < sweep <= 5.0
 
 
+def test_the_start_is_chosen_like_a_goal(browser: Browser, building: WithGoals) -> None:
+    with menu_page(browser, building, "direct") as page:
+        for label, title in (
+            ("Who drives", "Who drives"),
+            ("I am at a place", "Who drives, I am at a place"),
+            ("Storey 1", "Who drives, I am at a place, Storey 1"),
+        ):
+            choose(page, "direct", label)
+            menu(page, title)
+        choose(page, "direct", "Bath")
+        until(lambda: building.named("start_at"), "the place is not said")
+        assert [call.asked for call in building.named("start_at")] == [("bath",)]
+        assert not building.named("go")
+
+
 def test_steering_lasts_as_long_as_the_switch_is_held(browser: Browser, building: WithGoals) -> None:
     with menu_page(browser, building, "step") as page:
         for label, title in (("Who drives", "Who drives"), ("I steer here", "Who drives, I steer here")):

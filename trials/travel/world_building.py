@@ -9,8 +9,8 @@ from pathlib import Path
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import WorldError
 from waychair.maps.building.building import Building, add_storey, new_building, save_building, save_with_map
-from waychair.maps.building.hgraph import HGraph, Storey
-from waychair.maps.building.hgraph_edits import with_lift
+from waychair.maps.building.hgraph import Beacon, HGraph, Storey
+from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map
 from waychair.planning.building.generation.storey_generation import generated_storey, save_generation, with_lift_stop
@@ -49,6 +49,8 @@ def building_of_world(
     hgraph = building.hgraph
     for lift in lifts.lifts.values():
         hgraph = _with_lift(hgraph, lift, lifts)
+    for world in levels:
+        hgraph = _with_tags(hgraph, world)
     building = replace(building, hgraph=hgraph)
     save_building(building)
     return building
@@ -65,6 +67,15 @@ def _with_lift(hgraph: HGraph, lift: CallableLift, lifts: Lifts) -> HGraph:
         known, stops=stops, cabin_width=cabin.width, cabin_depth=cabin.length, door_width=round(min(widths), 3)
     )
     return with_lift(hgraph, sized)
+
+
+def _with_tags(hgraph: HGraph, world: World) -> HGraph:
+    """Return the graph with the AprilTags on a level's walls as beacons of its storey's uppermost sub-map."""
+    if not world.tags:
+        return hgraph
+    path = next(each for each in hgraph.submaps if hgraph.storey_of(each) == world.level)
+    tags = tuple(Beacon(str(tag.number), tag.middle) for tag in world.tags)
+    return with_submap(hgraph, replace(hgraph.submaps[path], beacons=tags))
 
 
 def lift_place(world: World, lift: str) -> str:

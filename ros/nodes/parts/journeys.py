@@ -7,11 +7,13 @@
 | lift_states | the word of the lifts' adapters |
 | the service say_storey | the rider's word for the storey |
 | beacon | the id of a beacon that the chair has met, which tells the storey |
+| camera/... | AprilTags that are beacons: they tell the storey, and set or confirm the place |
 
 | sends | |
 |---|---|
 | journey | the state of the journey, at each change; latched |
 | lift_requests | calls, and open doors |
+| initialpose | the place by a tag, of a chair that is not certain of it |
 
 A journey that was under way when its node was killed is over. If the chair was in a lift then, no drive begins until somebody
 has said which storey it is on.
@@ -33,16 +35,27 @@ from waychair.errors import BuildingError, WaychairError
 from waychair.planning.building.beacon_places import storey_of_beacon
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.floor import JourneyReport, StoreyGoal, journey_state, read_storey_goal
+from waychair.ros.messages.floor import Floor, JourneyReport, StoreyGoal, journey_state, read_storey_goal
+from waychair.ros.messages.motion import pose_with_covariance
 from waychair.ros.messages.sensors import read_imu, read_pressure
 from waychair.ros.messages.wire import native, plain
 from waychair.ros.nodes.node import ChairNode
-from waychair.ros.nodes.parts.journey_plan import JourneyPlan, known_building, planned, storey_named
+from waychair.ros.nodes.parts.journey_plan import (
+    JourneyPlan,
+    known_building,
+    planned,
+    start_named,
+    storey_id,
+    storey_named,
+)
 from waychair.ros.nodes.parts.lift_adapter import LiftAdapter
 from waychair.ros.nodes.parts.remote_chair import LegDriver, RemoteChair
+from waychair.ros.nodes.parts.tag_reader import TagReader
 from waychair.ros.nodes.worker import Worker
 from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.journeys import Traveller, TravelState
+from waychair.runtime.tag_watch import TagWatch, TagWord
+from waychair.types import Pose2
 
 STARTS_WITHIN_S = 3.0
 """s; a first drive that neither waits nor drives by then was refused."""
@@ -83,6 +96,9 @@ class Journeys:
         node.at_end(self._worker.close)
         node.listen(topics.STOREY_GOAL, read_storey_goal, self._take_goal, needed=False)
         node.listen(topics.IMU, read_imu, self._hear_imu, needed=False)
+        self._tag_watch, self._send_pose = TagWatch(), node.publisher(topics.INITIAL_POSE)
+        self.tags = TagReader(node, body.base_from_camera, self._where, self.meet_tags)
+        """Reads the camera's pictures, which the navigator's node shows it."""
         self._beacon = "", "", ""
         """The beacon met last, the map folder then, and the beacon's storey."""
         node.listen(topics.BEACON, lambda message: str(message.data), self._meet_beacon, needed=False)
@@ -186,7 +202,9 @@ class Journeys:
             self._refuse(plan)
             return
         chair = RemoteChair(self._node, self._driver, plan.folders)
-        traveller = Traveller(chair, self._body, plan.maps, plan.sites, self._lifts, plan.storey)
+        traveller = Traveller(
+            chair, self._body, plan.maps, plan.sites, self._lifts, plan.storey, unmapped=plan.unmapped
+        )
         now_ns = self._node.now_ns()
         self._now = _Journey(plan, chair, traveller, now_ns)
         chair.go(plan.legs[0].goal)
@@ -267,19 +285,52 @@ class Journeys:
             if self._beacon[:2] != (beacon, now.floor.map_folder):
                 building, _ = known_building(Path(now.floor.map_folder))
                 self._beacon = beacon, now.floor.map_folder, storey_of_beacon(building.hgraph, beacon)
-            storey = self._beacon[2]
-            if self._now is not None and self._now.traveller.aboard:
-                self._now.traveller.met_beacon(storey)
-            elif storey != now.floor.storey and (
-                self._now is not None or (now.state is not None and now.state.driving)
-            ):
-                self.cancel()
-                self._driver.cancel_leg()
-                self._doubt(f"beacon '{beacon}' is on storey '{storey}', and the chair drove on the map of another")
-            elif storey != now.floor.storey or not now.floor.certain:
-                self._node.get_logger().info(self._say_storey(storey))
+            self._meet(beacon, self._beacon[2], now.floor)
         except WaychairError as error:
             self._node.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
+    def _meet(self, beacon: str, storey: str, floor: Floor) -> None:
+        """Take the storey of a beacon; see `_meet_beacon`.
+
+        Raises:
+            BuildingError: the storey has no map, or the chair is on its way.
+        """
+        state = self._driver.now().state
+        if self._now is not None and self._now.traveller.aboard:
+            self._now.traveller.met_beacon(storey)
+        elif storey != floor.storey and (self._now is not None or (state is not None and state.driving)):
+            self.cancel()
+            self._driver.cancel_leg()
+            self._doubt(f"beacon '{beacon}' is on storey '{storey}', and the chair drove on the map of another")
+        elif storey != floor.storey or not floor.certain:
+            self._node.get_logger().info(self._say_storey(storey))
+
+    def _where(self) -> tuple[str, Pose2] | None:
+        """Return the folder of the map in use and the chair in odom."""
+        now = self._driver.now()
+        if now.floor is None or not now.floor.map_folder or now.odom_from_base is None:
+            return None
+        return now.floor.map_folder, now.odom_from_base
+
+    def meet_tags(self, words: tuple[TagWord, ...], odom_from_base: Pose2) -> None:
+        """Take the words of AprilTags in a picture: the storey as of a beacon, then the place on it."""
+        now = self._driver.now()
+        floor = now.floor
+        if floor is None:
+            return
+        for word in words:
+            try:
+                self._meet(word.beacon, word.storey, floor)
+            except WaychairError as error:
+                self._node.get_logger().warning(str(error), throttle_duration_sec=60.0)
+        if not floor.certain or any(word.storey != floor.storey for word in words):
+            self._tag_watch.forget()  # of another map than the present one
+            return
+        pose = self._tag_watch.place(words, odom_from_base, now.localisation, now.stamp_ns)
+        if pose is not None and now.odom_from_base is not None:
+            here = pose @ odom_from_base.inverse() @ now.odom_from_base  # the chair may have moved since the picture
+            self._node.get_logger().warning("the chair localises itself where a tag says that it is")
+            self._send_pose(pose_with_covariance(now.stamp_ns, here))
 
     def _doubt(self, why: str) -> None:
         """Let no drive begin until somebody, or a beacon at rest, has said the storey."""
@@ -295,30 +346,38 @@ class Journeys:
     def _answer_storey(self, request: Any, response: Any) -> Any:
         """Serve waychair_msgs/srv/SayStorey."""
         try:
-            response.message = self._say_storey(str(request.storey))
+            response.message = self._say_storey(str(request.storey), str(request.place))
             response.success = True
         except WaychairError as error:
             response.success, response.message = False, str(error)
         return response
 
-    def _say_storey(self, name: str) -> str:
-        """Take the rider's word for the storey: of a journey that asks, else for all nodes.
+    def _say_storey(self, name: str, place: str = "") -> str:
+        """Take the rider's word for the storey, and the place: of a journey that asks, else for all nodes.
 
         Raises:
-            BuildingError: there is no such storey, the chair drives, or a journey is under way.
+            BuildingError: there is no such storey or place, the chair drives, or a journey is under way.
         """
         now = self._driver.now()
         if now.floor is None:
             raise BuildingError("the chair has no map yet: wait for the mapper")
         building, _ = known_building(Path(now.floor.map_folder))
-        storey, folder = storey_named(building, name)
         journey = self._now
         if journey is not None and journey.traveller.aboard:
+            if place:
+                raise BuildingError("the chair is in a lift: say the storey at which it stands")
+            storey = storey_id(building, name)
             journey.traveller.answer(storey, now.stamp_ns)
             return f"the chair takes {storey} as its storey, if the ride does not contradict it"
         if journey is not None or (now.state is not None and now.state.driving):
             raise BuildingError("the chair is on its way: cancel the drive first, then say the storey")
+        pose = None
+        if place:
+            storey, folder, pose = start_named(building, StoreyGoal(place, name))
+        else:
+            storey, folder = storey_named(building, name)
         chair = RemoteChair(self._node, self._driver, {storey: str(folder.resolve())})
-        chair.change_storey(storey, None, None)
+        chair.change_storey(storey, None, pose)
         self._node.executor.create_task(chair.close)
-        return f"the chair takes the map of {storey}, and looks for its place there"
+        looks = f"localises itself at {place}" if place else "looks for its place there"
+        return f"the chair takes the map of {storey}, and {looks}"

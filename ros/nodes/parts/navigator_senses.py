@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from waychair.control.safety.fitness import has_valid_reading
@@ -37,8 +38,11 @@ class Piloted(Protocol):
 class NavigatorSenses:
     """The sonars, and with `camera` the camera; `camera_ns`: when a usable frame came last, by the steady clock."""
 
-    def __init__(self, node: ChairNode[Any], piloted: Piloted, *, camera: bool) -> None:
-        self._piloted = piloted
+    def __init__(
+        self, node: ChairNode[Any], piloted: Piloted, look: Callable[[RgbdFrame], None], *, camera: bool
+    ) -> None:
+        """`look` is shown each frame as well."""
+        self._piloted, self._look = piloted, look
         self._with_true_stamp = known_chair(node.settings.calibration, node.settings.chair).with_true_stamp
         self._frame: RgbdFrame | None = None  # waits for the end of a tick
         self.camera_ns: int | None = None
@@ -74,6 +78,8 @@ class NavigatorSenses:
     def process_camera(self) -> None:
         """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
         frame, self._frame = self._frame, None
+        if frame is not None:
+            self._look(frame)
         pose = None if frame is None else self._piloted.map_from_base(frame.stamp_ns)
         if frame is not None and self._piloted.pilot is not None and pose is not None:
             self._piloted.pilot.look(frame, pose, self._piloted.tilt(frame.stamp_ns))

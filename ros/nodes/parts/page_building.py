@@ -103,22 +103,23 @@ class PageBuilding:
             return
         site.folder = folder
 
-        def load() -> _Known | None:
+        def load() -> tuple[_Known, tuple[GoalView, ...]] | None:
             try:
                 building, storey = known_building(folder)
                 hgraph = with_zones(building)
                 title = next((each.name or each.id for each in hgraph.storeys if each.id == storey), storey)
                 costmap = costmap_from_grid(load_map(folder), site.body, zones=load_zones(folder))
-                return _Known(RoutePlanner(hgraph), storey, title, costmap)
+                known = _Known(RoutePlanner(hgraph), storey, title, costmap)
+                return known, goal_views(known.planner)
             except WaychairError:
                 return None  # a map of no building, or a damaged one, of which the navigator tells
 
         site.worker.submit(load, self._take_building)
 
-    def _take_building(self, known: _Known | None) -> None:
+    def _take_building(self, found: tuple[_Known, tuple[GoalView, ...]] | None) -> None:
+        known, self._site.goals = found or (None, ())
         self._site.known, self._site.timed = known, None
         self._guide.enter("" if known is None else known.storey)
-        self._site.goals = () if known is None else goal_views(known.planner)
 
     def goals(self) -> Sequence[GoalView]:
         """See `ChairPort`; times of a chair that has moved are computed anew, and shown the next time."""
@@ -224,6 +225,14 @@ class PageBuilding:
     def answer_storey(self, storey: str) -> Answer:
         """See `ChairPort`."""
         return self._call(self._say, interface_type("waychair_msgs/srv/SayStorey").Request(storey=storey))
+
+    def _start_in_building(self, goal: str, *, here: bool) -> Answer | None:
+        """Tell the nodes that the chair stands at a goal of the building, or `here` at a place of the map; None without one."""
+        known = self._site.known
+        if known is None:
+            return None
+        storey = known.storey if here else ""
+        return self._call(self._say, interface_type("waychair_msgs/srv/SayStorey").Request(storey=storey, place=goal))
 
     def _call(self, client: Any, request: Any) -> Answer:
         """Call a service of the nodes; the port does."""

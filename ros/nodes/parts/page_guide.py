@@ -31,7 +31,10 @@ _TOLD_EVERY = 4
 
 
 class PageGuide:
-    """The guidance of one page's node. Calls come from the web server's threads and from the executor's."""
+    """The guidance of one page's node. Calls come from the web server's threads and from the executor's.
+
+    A call that plans holds the lock; the executor, which is the loop that must not hang, never waits for it.
+    """
 
     def __init__(self, node: ChairNode[Any], view: Callable[[], ChairView]) -> None:
         """`view`: the chair as the page shows it, without guidance."""
@@ -39,6 +42,7 @@ class PageGuide:
         self._lock = threading.Lock()
         self._guide = Guide(lambda: self._odom_from_base)
         self._send = node.publisher(topics.GUIDANCE)
+        self._shown: tuple[GuideView | None, tuple[str, ...]] = None, ()
         self._told: GuideView | None = None
         self._ticks = 0
         node.listen(topics.ODOMETRY, read_odometry, self._take_odometry, needed=False)
@@ -55,8 +59,12 @@ class PageGuide:
             building, storey = known_building(folder)
             ways = _ways(building)
             with self._lock:
-                self._guide.go(goal, level, self._view().stamp_ns, ways)
                 self._storey = storey
+                view = self._view()
+                self._guide.go(goal, level, view.stamp_ns, ways)
+                # the first plan may take long: it loads its kernels
+                self._guide.step(guided_chair_of_view(view), storey)
+                self._note()
         except WaychairError as error:
             return Answer(False, str(error))
         return Answer(True, f"guides you to {goal}: you drive")
@@ -66,28 +74,35 @@ class PageGuide:
         with self._lock:
             was_on = self._guide.view is not None
             self._guide.end(self._view().stamp_ns)
+            self._note()
         return Answer(was_on, "guidance has ended" if was_on else "there is no guidance to end")
 
     def enter(self, storey: str) -> None:
         """Take the storey of the map in use."""
-        with self._lock:
-            self._storey = storey
+        self._storey = storey
 
     @property
     def shown(self) -> tuple[GuideView | None, tuple[str, ...]]:
         """What a page shows, None without guidance, and the storeys among which the rider chooses in a cabin."""
-        with self._lock:
-            return self._guide.view, self._guide.at_stops
+        return self._shown
+
+    def _note(self) -> None:
+        """Note what a page shows, with the lock held."""
+        self._shown = self._guide.view, self._guide.at_stops
 
     def _take_odometry(self, odometry: Odometry) -> None:
         self._odom_from_base = odometry.odom_from_base
 
     def _tick(self) -> None:
         self._ticks += 1
-        with self._lock:
-            if self._guide.view is not None:
-                self._guide.step(guided_chair_of_view(self._view()), self._storey)
-            shown = self._guide.view
+        if self._lock.acquire(blocking=False):
+            try:
+                if self._guide.view is not None:
+                    self._guide.step(guided_chair_of_view(self._view()), self._storey)
+                self._note()
+            finally:
+                self._lock.release()
+        shown = self._shown[0]
         if shown != self._told and (shown is None or self._ticks % _TOLD_EVERY == 0):
             self._told = shown
             self._send(guidance(shown))

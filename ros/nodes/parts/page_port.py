@@ -45,6 +45,7 @@ from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.heard_haptics import HeardSenses
+from waychair.ros.nodes.parts.map_in_use import MapInUse
 from waychair.ros.nodes.parts.page_building import PageBuilding
 from waychair.ros.nodes.parts.page_figures import figures
 from waychair.ros.nodes.parts.page_guard import PageGuard
@@ -135,7 +136,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
     ) -> None:
         """Subscribe to the chair's nodes; `map_folder` is that of their map, None while a map is made."""
         self._node, self._calibration = node, calibration
-        self._map_folder, self._scan_frame, self._drawing = map_folder, scan_frame, threading.Lock()
+        self._scan_frame, self._drawing = scan_frame, MapInUse(map_folder, node.get_logger().error)
         self._received, self._story, self._pictures = _Received(), _DriveStory(), _Pictures()
         self._listen()
         self._publish = _Publishers(
@@ -153,7 +154,6 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
         )
         self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
         node.at_end(self._action.destroy)
-        self._drawings = None if map_folder is None else DrawingEditor(map_folder)
 
     def _listen(self) -> None:
         listen, with_true_stamp = self._node.listen, self._calibration.with_true_stamp
@@ -236,11 +236,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
     def layout(self) -> LayoutView:
         """See `ChairPort`."""
-        with self._drawing:
-            if self._drawings is None:
-                return LayoutView(self._received.places)
-            drawn = self._drawings.drawing
-            return LayoutView(dict(drawn.places), drawn.zones, self._drawings.undoable)
+        return self._drawing.layout() or LayoutView(self._received.places)
 
     def picture(self) -> bytes | None:
         """See `ChairPort`; the camera subscription lasts only while pictures are requested."""
@@ -338,6 +334,11 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
         self._publish.joystick(replace(let_go, axes=np.zeros(0, np.float32)))
         return Answer(True, "")
 
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`."""
+        answer = self._start_in_building(goal, here=goal in self._received.places)
+        return DrawingPort.start_at(self, goal) if answer is None else answer
+
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""
         if map_from_base is not None:
@@ -355,14 +356,11 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Change the drawings in the map's folder, and notify the nodes."""
-        with self._drawing:
-            if self._drawings is None:
-                return Answer(False, "the map is being made: save it, and start the chair on it first")
-            try:
-                change(self._drawings)
-            except WaychairError as error:
-                return Answer(False, str(error))
-            self._received.layout_revision += 1
+        try:
+            self._drawing.change(change)
+        except WaychairError as error:
+            return Answer(False, str(error))
+        self._received.layout_revision += 1
         self._publish.layout(make("std_msgs/msg/Empty", 0))
         return Answer(True, done)
 
@@ -457,14 +455,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
     def _take_floor(self, told: Floor) -> None:
         """Draw on the map in use from now on, and travel from there."""
         self._enter_storey(told)
-        if not told.map_folder or Path(told.map_folder) == self._map_folder:
-            return
-        with self._drawing:
-            try:
-                self._map_folder, self._drawings = Path(told.map_folder), DrawingEditor(Path(told.map_folder))
-            except WaychairError as error:
-                self._node.get_logger().error(f"{error}; the page draws on no map")
-                self._drawings = None
+        if told.map_folder and self._drawing.take(Path(told.map_folder)):
             self._received.layout_revision += 1
 
     def _take_grid(self, grid: OccupancyGrid) -> None:

@@ -164,8 +164,21 @@ def test_a_lift_that_stops_elsewhere_is_sent_on() -> None:
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
     journey, order = after(Phase.WHICH, view(door=OPEN, chances=elsewhere))
     assert (journey.phase, order.call) == (Phase.RIDE, "1")
+    assert order.sentence == "this is 2: press 1 again, and stay in the lift"
     assert not journey.closed  # its door must close and open again
     assert after(Phase.WHICH, view(door=OPEN, chances=elsewhere), tries=3)[0].phase is Phase.HELD
+
+
+def test_no_chair_leaves_a_lift_on_a_storey_without_a_map() -> None:
+    here = view(door=OPEN, chances={"g": 0.0, "1": 0.001, "2": 0.999}, without_map=frozenset("2"))
+    journey, order = after(Phase.WHICH, here)
+    assert (journey.phase, order.goal, order.switch, order.call) == (Phase.RIDE, None, None, "1")
+    assert order.sentence == "this is 2, of which there is no map: press 1 again, and stay in the lift"
+    dropped, order = after(Phase.WHICH, here, cancelled=True)
+    assert (dropped.phase, order.goal, order.switch) == (Phase.HELD, None, None)
+    assert order.sentence.startswith("this is 2, of which there is no map: ride to another storey, or drive out")
+    rides = go_on(dropped, 101 * S)
+    assert step(rides, replace(here, now_ns=102 * S, chances=SURE))[0].phase is Phase.SWITCH
 
 
 def test_uncertain_storeys_are_asked_for_with_the_door_held() -> None:

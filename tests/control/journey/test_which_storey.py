@@ -50,6 +50,16 @@ def test_the_riders_word_decides_unless_the_ride_contradicts_it() -> None:
     assert decided(probabilities(evidence(climb=(3.3, 0.2), rider="3"))) is None
 
 
+def test_a_climb_to_no_known_stop_asks_however_much_the_walls_look_like_the_storey_asked_for() -> None:
+    """A lift that stops at a storey which the building does not list."""
+    match = {"0": -20.0, "1": -18.0, "2": -4.0, "3": -19.0}
+    assert decided(probabilities(evidence(match=match))) == "2"
+    for measured in ({"climb": (4.95, 0.2)}, {"pressure": (5.0, 0.3)}, {"climb": (6.6, 0.2), "pressure": (4.9, 0.3)}):
+        chances = probabilities(evidence(match=match, **measured))
+        assert decided(chances) is None
+        assert decided(probabilities(evidence(match=match, rider="1", **measured))) == "1"
+
+
 def test_pressure_falls_by_twelve_pascal_a_metre() -> None:
     climb, sigma = climb_from_pressure(101_000.0, 101_000.0 - 12.0 * 6.6, 20.0)
     assert climb == pytest.approx(6.6)

@@ -16,7 +16,7 @@ from tests.maps.building.test_lift_cabins import with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.config import Settings
 from waychair.control.drive.navigation import Navigation, Stage
-from waychair.errors import BuildingError, MessageError
+from waychair.errors import BuildingError, MessageError, UnknownPlace
 from waychair.maps.building.building import Building, save_with_map
 from waychair.maps.building.hgraph import Beacon
 from waychair.maps.drawn.places import save_places
@@ -37,8 +37,10 @@ from waychair.ros.messages.lifts import (
     read_lift_request,
     read_lift_state,
 )
+from waychair.ros.messages.motion import read_pose_with_covariance
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.nodes.parts.simulated_lifts import SESSION_S, SimulatedLiftAdapter
+from waychair.runtime.tag_watch import TagWord
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import load_levels
 from waychair.types import DriveMode, Goal, OccupancyGrid, Place, Pose2, Twist
@@ -276,6 +278,44 @@ def test_a_beacon_sets_the_storey_at_rest_and_ends_a_drive_on_another_storeys_ma
     site.journeys._meet_beacon("8")
     assert "beacon '8' is on storey '1'" in said.pop()
     assert not site.driver.drives
+
+
+def test_tags_tell_the_storey_first_and_then_set_the_place_of_a_lost_chair(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(site.journeys, "_say_storey", lambda storey: said.append(storey) or "taken")
+    given: list[Pose2] = []
+    monkeypatch.setattr(
+        site.journeys, "_send_pose", lambda message: given.append(read_pose_with_covariance(message)[0])
+    )
+    site.driver.stamp_ns = site.node.now_ns()
+    here, odom = TagWord("7", "g", Pose2(4.0, 1.0)), site.driver.now().odom_from_base
+    assert odom is not None
+    site.journeys.meet_tags((TagWord("8", "1", Pose2(4.0, 1.0)),), odom)
+    assert said == ["1"]
+    assert given == []  # of another map than the present one
+    for _ in range(2):
+        site.journeys.meet_tags((here,), odom)
+    (pose,) = given
+    assert (pose.x, pose.y) == pytest.approx((4.0, 1.0))
+    site.driver.certain = False
+    for _ in range(2):
+        site.journeys.meet_tags((here,), odom)
+    assert len(given) == 1  # the storey comes first
+    assert said == ["1", "g", "g"]
+
+
+def test_the_start_is_chosen_like_a_goal_also_on_another_storey(site: Site) -> None:
+    site.driver.stamp_ns = site.node.now_ns()
+    assert "takes the map of 1, and localises itself at First/Ward/Bed 1" in site.journeys._say_storey(
+        "", "First/Ward/Bed 1"
+    )
+    assert "takes the map of g" in site.journeys._say_storey("Ground", "Bed g")
+    with pytest.raises(UnknownPlace, match="there is no place 'Bed 1'"):
+        site.journeys._say_storey("g", "Bed 1")
+    with pytest.raises(BuildingError, match="there is no goal 'First/Ward/Bed 9': see waychair building stats"):
+        site.journeys._say_storey("", "First/Ward/Bed 9")
 
 
 def test_the_riders_word_for_the_storey_is_taken_at_rest_and_a_wrong_name_is_told(site: Site) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -139,6 +140,18 @@ def test_a_rider_is_told_the_way_on_the_page_and_on_a_topic_until_an_empty_goal(
     assert page.shown().guide is None
     assert page.port.end_guide().done is False
     told.close()
+
+
+def test_no_callback_of_the_node_waits_for_a_plan_of_guidance_that_another_thread_makes(page: Page) -> None:
+    guide = page.port._guide
+    assert page.port.guide("First/Ward/Bed 1", 2).done
+    with guide._lock:  # as while a first plan loads its kernels
+        for call in (guide._tick, lambda: guide.enter("1"), page.shown):
+            calls = Thread(target=call, daemon=True)
+            calls.start()
+            calls.join(5.0)
+            assert not calls.is_alive()
+        assert page.shown().guide is not None
 
 
 def test_a_map_of_no_building_has_no_goals_and_keeps_the_view(page: Page, tmp_path: Path) -> None:

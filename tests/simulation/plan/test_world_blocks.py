@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from waychair.errors import WorldError
 from waychair.geometry import transform_points
 from waychair.maps.grid.cells import occupied, points_from_cells
 from waychair.simulation.plan.plan_fittings import within_any
@@ -164,6 +165,27 @@ def test_a_poster_hangs_on_the_given_side_of_its_wall(tmp_path: Path, side: str,
     assert 0.0 < abs(poster.middle.y - 2.5) - 0.05 < 0.01
     assert poster.middle.y == pytest.approx(y, abs=0.01)
     assert (poster.height, poster.length, poster.width) == (1.5, 0.5, 0.7)
+
+
+@pytest.mark.parametrize(
+    ("tag", "said"),
+    [
+        ("at: 7.0, number: 12, side: right", ""),
+        ("at: 7.0, number: 587", r"tags\[0\]\.number: expected `int` <= 586"),
+        ("at: 7.95, number: 1", r"tags\[0\]\.at: a tag of 0.25 m at 7.95 m lies outside its wall"),
+        ("at: 7.0, number: 1, height: 0.05", r"tags\[0\]\.height: a tag 0.25 m high at 0.05 m reaches beyond"),
+    ],
+)
+def test_a_tag_hangs_on_a_wall_as_a_poster_does(tmp_path: Path, tag: str, said: str) -> None:
+    given = f"    tags:\n      - {{{tag}}}\n"
+    if said:
+        with pytest.raises(WorldError, match=said):
+            _world(tmp_path, given)
+        return
+    (found,) = _world(tmp_path, given).tags
+    assert (found.number, found.height, found.side) == (12, 1.2, 0.25)
+    assert (found.middle.x, found.middle.y) == pytest.approx((7.0, 2.446), abs=0.001)
+    assert found.middle.theta == pytest.approx(-math.pi / 2)
 
 
 def _corners(world: World, off: float) -> FloatArray:

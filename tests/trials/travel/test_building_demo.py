@@ -44,13 +44,16 @@ def test_the_rider_enters_the_room_and_the_lift_without_coming_near_a_wall(level
 
 
 @pytest.mark.nightly
-def test_two_storeys_mapped_by_joystick_are_joined_and_the_chair_travels_between_them(tmp_path: Path) -> None:
-    demo = run_building_demo(tmp_path, seed=1, world="two_floors", surprises=False, watcher=DemoPage())
+@pytest.mark.parametrize(("world", "storeys"), [("two_floors", {"ground", "upper"}), ("hospital", {"0", "1"})])
+def test_two_storeys_mapped_by_joystick_are_joined_and_the_chair_travels_between_them(
+    tmp_path: Path, world: str, storeys: set[str]
+) -> None:
+    demo = run_building_demo(tmp_path, seed=1, world=world, surprises=world == "hospital", watcher=DemoPage())
     assert (demo.record.arrived, demo.record.contacts, demo.record.wrong_map_s) == (True, 0, 0.0), demo.record.why
     assert demo.record.rides == 1
     assert max(error.rmse_m for error in demo.errors.values()) < 0.1
     write_building_report(tmp_path, demo)
     told = json.loads((tmp_path / "report.json").read_text())
-    assert set(told["storeys"]) == {"ground", "upper"}
+    assert set(told["storeys"]) == storeys
     assert (tmp_path / "journey.png").stat().st_size > 10_000
-    assert "entrance" in (tmp_path / "report.html").read_text()
+    assert demo.record.start.partition("/")[2] in (tmp_path / "report.html").read_text()

@@ -81,7 +81,7 @@ function atRest(view, leave, calibrate) {
     ...(pinned.length ? [{ label: "Favourites", items: () => pinned.slice(0, MOST).map(farItem) }] : []),
     ...(near.length && all.length > MOST ? [{ label: "Near here", items: () => near.map(farItem) }] : []),
     ...asItems(goalItems(all), goalItem),
-    { label: "Who drives", items: modes },
+    { label: "Who drives", items: () => modes(all) },
     ...(view.guard ? [{ label: "Help while I drive", detail: view.guard.level, items: helps }] : []),
     { label: "Options", items: () => choices(leave, calibrate) },
   ];
@@ -123,7 +123,9 @@ function helps() {
   }));
 }
 
-function modes() {
+const startItem = (goal) => ({ label: goal.path.at(-1), act: () => void say(ask("start_at", { goal: goal.name })) });
+
+function modes(all) {
   return [
     { label: "I drive, by joystick", act: () => void say(ask("cancel")) },
     {
@@ -140,6 +142,7 @@ function modes() {
             ],
     },
     { label: "Locate the chair again", act: () => void say(ask("relocalise")) },
+    ...(all.length ? [{ label: "I am at a place", detail: "the chair finds itself there", items: () => asItems(goalItems(all), startItem) }] : []),
   ];
 }
 

@@ -1,0 +1,78 @@
+"""A traveller between two storeys: maps drawn anew during a ride, stops without a map, the rider's word for the start."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.maps.building.buildings import two_storeys
+from tests.maps.building.test_lift_cabins import with_cabins
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.journey.building_legs import sites_of_building, stops_without_map
+from waychair.runtime.journeys import StoreyMap, Traveller
+from waychair.types import OccupancyGrid, Pose2
+
+
+class Chair:
+    """The part of a chair that takes maps and places, and keeps them for the test."""
+
+    def __init__(self) -> None:
+        self.told: list[Any] = []
+
+    def prepared_storey(self, grid: OccupancyGrid, *_: Any) -> OccupancyGrid:
+        return grid
+
+    def change_storey(self, storey: str, prepared: OccupancyGrid, pose: Pose2 | None) -> None:
+        self.told.append((storey, int(prepared.cells[0, 0]), pose))
+
+    def relocalise(self, pose: Pose2 | None) -> None:
+        self.told.append(pose)
+
+    def doubt_storey(self, *, certain: bool) -> None:
+        self.told.append(certain)
+
+
+def floor_of(value: int) -> OccupancyGrid:
+    return OccupancyGrid(np.full((4, 4), value, np.int8), 0.1)
+
+
+@pytest.fixture
+def chair() -> Chair:
+    return Chair()
+
+
+@pytest.fixture
+def traveller(chair: Chair) -> Traveller:
+    sites = sites_of_building(with_cabins(two_storeys()))
+    maps = [StoreyMap("g", floor_of(0), {}), StoreyMap("1", floor_of(1), {}, 3.5)]
+    lifts: Any = SimpleNamespace()
+    return Traveller(chair, CHAIR_A, maps, sites, lifts, "g")  # type: ignore[arg-type]
+
+
+def test_a_map_that_is_drawn_anew_during_the_ride_is_the_one_that_is_taken(chair: Chair, traveller: Traveller) -> None:
+    traveller.prepare("1")  # as a journey does before it sets off
+    traveller.replace_map(StoreyMap("1", floor_of(100), {}, 3.5))
+    assert traveller.take_storey("1", Pose2(1.0, 2.0))
+    assert chair.told == [("1", 100, Pose2(1.0, 2.0))]
+    assert traveller.storey == "1"
+
+
+def test_the_rider_says_where_the_chair_stands_on_this_storey_or_another(chair: Chair, traveller: Traveller) -> None:
+    assert traveller.start_at("g", Pose2(3.0, 0.0))
+    assert chair.told == [Pose2(3.0, 0.0), True]
+    chair.told.clear()
+    assert traveller.start_at("1", Pose2(4.0, 0.0))
+    assert chair.told == [("1", 1, Pose2(4.0, 0.0))]
+
+
+def test_a_lifts_stops_without_a_map_or_a_cabin_are_known_by_their_heights() -> None:
+    bare, cabins = two_storeys(), with_cabins(two_storeys())
+    (lift,) = cabins.lifts
+    heights = {storey.id: storey.height for storey in cabins.storeys}
+    sites = sites_of_building(cabins)
+    assert stops_without_map(cabins, sites, {"g": 0, "1": 0}) == {lift: {}}
+    assert stops_without_map(cabins, sites, {"g": 0}) == {lift: {"1": heights["1"]}}
+    assert stops_without_map(bare, (), {"g": 0, "1": 0}) == {lift: heights}
