@@ -29,6 +29,12 @@ STARTS_S, BACK_S, GOALS_S = 240.0, 120.0, 600.0
 busy.
 """
 
+MOST_FLEETS = 8
+"""Fleets in which the kills of one kind are done."""
+
+BETWEEN_S = (15.0, 25.0)
+"""s from when chairs go on to the next kill: a process that dies five times in a minute is not started again."""
+
 PEER_MODULE = "waychair.trials.fleet.live.voter_process"
 
 AWAY_S = (30.0, 90.0)
@@ -42,16 +48,18 @@ KINDS = ("chair", "peer", "world", "router")
 class LiveRun:
     """What was measured in one run.
 
-    `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until
-    a chair moves again; infinite: not within `BACK_S`.
+    `factor`: the chairs' seconds for each real one in the slowest fleet. `ended`: why fleets ended before their goals.
+    `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until a
+    chair moves again; infinite: not within `BACK_S`.
     """
 
     answers_ms: list[float] = field(default_factory=list)
     ages_ms: list[float] = field(default_factory=list)
     over_line_m: float = 0.0
     contacts: int = 0
-    factor: float = 0.0
+    factor: float = float("inf")
     reached: int = 0
+    ended: list[str] = field(default_factory=list)
     ordered_s: list[float] = field(default_factory=list)
     moved_s: list[float] = field(default_factory=list)
 
@@ -63,24 +71,33 @@ def quiet_run(folder: Path, chairs: int, seed: int, seconds: float) -> LiveRun:
         fleet.record.answers_ms.clear()
         fleet.record.ages_ms.clear()
         _until(fleet, lambda: fleet.finished, seconds)
-        return _measured(fleet, LiveRun())
+        return _add(fleet, LiveRun())
 
 
 def kill_run(folder: Path, chairs: int, seed: int, kind: str, kills: int) -> LiveRun:
-    """Return what chairs do while a process of a kind is killed some times, at random moments between."""
+    """Return what chairs do while a process of a kind is killed some times, at random moments between, in several fleets."""
+    run = LiveRun()
+    for k in range(MOST_FLEETS):
+        if len(run.ordered_s) < kills:
+            _kill_in_fleet(folder / f"fleet{k}", chairs, seed + k * len(KINDS), kind, kills, run)
+    return run
+
+
+def _kill_in_fleet(folder: Path, chairs: int, seed: int, kind: str, kills: int, run: LiveRun) -> None:
+    """Kill a process of a kind as often as is left to do, until all goals of a fleet are reached."""
     plan = new_plan(folder, WORLD, chairs, seed, (DESK,) if kind == "peer" else (), routed=kind == "router")
     number = {"peer": DESK, "router": ROUTER}.get(kind)
     more = () if number is None else (Process(kind, PEER_MODULE, (str(folder), str(number))),)
-    moments, run = random.Random(seed), LiveRun()
+    moments = random.Random(seed)
     with LiveFleet(folder, plan, more=more) as fleet:
         _until(fleet, lambda: _in_order(fleet), STARTS_S)
-        for _ in range(kills):
-            _until(fleet, lambda: fleet.finished, moments.uniform(1.0, 8.0))
+        while len(run.ordered_s) < kills:
+            _until(fleet, lambda: fleet.finished, moments.uniform(*BETWEEN_S))
             if fleet.finished or fleet.ended:
                 break
             name = f"chair {moments.choice(plan.numbers)}" if kind == "chair" else kind
             _kill(fleet, name, run)
-        return _measured(fleet, run)
+        _add(fleet, run)
 
 
 @dataclass
@@ -109,8 +126,8 @@ def parted_run(folder: Path, chairs: int, seed: int) -> PartedRun:
         router.send_signal(signal.SIGCONT)
         run.together_s = _or_never(_until(fleet, lambda: _in_order(fleet), BACK_S))
         _until(fleet, lambda: fleet.finished, GOALS_S)
-        run.backed_out = tuple(fleet.record.words[number].backed_out for number in plan.numbers)
-        _measured(fleet, run)
+        run.backed_out = tuple(fleet.record.words[number].by_eye[1] for number in plan.numbers)
+        _add(fleet, run)
     return run
 
 
@@ -127,7 +144,7 @@ def _router(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
 def _all_alone(fleet: LiveFleet) -> bool:
     """Return whether each chair that has a goal left drives by its own eyes."""
     words = [fleet.record.words[number] for number in fleet.plan.numbers]
-    return all(word.alone for word in words if word.goal)
+    return all(word.by_eye[0] for word in words if word.goal)
 
 
 def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
@@ -160,7 +177,7 @@ def _in_order(fleet: LiveFleet) -> bool:
     words = [fleet.record.words.get(number) for number in fleet.plan.numbers]
     if any(word is None or fleet.record.is_silent(k) for k, word in enumerate(words, start=1)):
         return False
-    wardens = {0 if word.alone else word.warden for word in words if word is not None}
+    wardens = {0 if word.by_eye[0] else word.warden for word in words if word is not None}
     return len(wardens) == 1 and 0 not in wardens
 
 
@@ -178,14 +195,17 @@ def _or_never(seconds: float | None) -> float:
     return float("inf") if seconds is None else seconds
 
 
-def _measured(fleet: LiveFleet, run: LiveRun) -> LiveRun:
-    """Fill in what the fleet's record tells at the end of a run; return it."""
+def _add(fleet: LiveFleet, run: LiveRun) -> LiveRun:
+    """Add to a run what its fleet's record tells at the end; return the run."""
     record = fleet.record
-    run.answers_ms, run.ages_ms = list(record.answers_ms), list(record.ages_ms)
-    run.over_line_m = max(chair.over_line for chair in record.run.chairs)
-    run.contacts = record.run.contacts
-    run.factor = record.factor
-    run.reached = sum(chair.reached for chair in record.run.chairs)
+    run.answers_ms += record.answers_ms
+    run.ages_ms += record.ages_ms
+    run.over_line_m = max(run.over_line_m, *(chair.over_line for chair in record.run.chairs))
+    run.contacts += record.run.contacts
+    run.factor = min(run.factor, record.factor)
+    run.reached += sum(chair.reached for chair in record.run.chairs)
+    if fleet.ended:
+        run.ended.append(fleet.ended)
     return run
 
 

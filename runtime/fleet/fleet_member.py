@@ -99,8 +99,7 @@ class FleetMember:
         self._waits_since_ns: int | None = None
         self._present: Wait | None = None
         self._others: dict[int, Told] = {}  # what the others said last
-        self._told = Told()
-        self._told_ns = 0
+        self._told = Told(), 0  # the last word to all, and when
 
     @property
     def entered(self) -> tuple[int, ...]:
@@ -242,11 +241,11 @@ class FleetMember:
             -1 if wait is None or wait.foreseen_ms is None else wait.foreseen_ms,
             0 if wait is None else wait.waited_ms,
         )
-        last = self._told
+        last, told_ns = self._told
         same = (word.goal, word.priority, word.waits, word.other, word.place) == (
             *(last.goal, last.priority, last.waits, last.other, last.place),
         )
-        if same and now_ns - self._told_ns < TOLD_NS:
+        if same and now_ns - told_ns < TOLD_NS:
             return
-        self._told, self._told_ns = word, now_ns
+        self._told = word, now_ns
         self._transport.send(None, TOLD, note_bytes(word))

@@ -9,6 +9,8 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.authority import BEFORE_LINE, FREE, Authority, crosses, fastest_before
+from waychair.control.drive.granted_way import GrantedWay
+from waychair.control.drive.navigator_state import MotionState, PlanState
 from waychair.geometry import transform_points
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import FloatArray, Pose2
@@ -92,3 +94,12 @@ def test_a_chair_that_keeps_the_speed_stops_before_the_line_and_near_it(speed: f
 def test_a_chair_that_has_to_stand_has_no_way_left_with_a_line_or_without() -> None:
     assert Authority(stands=True).way_left(CHAIR_A, Pose2(), _straight(6.0)) == 0.0
     assert fastest_before(0.0, 0.0, LIMITS) == 0.0
+
+
+def test_a_granted_speed_is_kept_with_a_line_ahead_and_without() -> None:
+    way = GrantedWay(CHAIR_A, PlanState(), MotionState())
+    assert way.fastest(LIMITS) == math.inf
+    way.authority = Authority(speed=0.3)
+    assert way.fastest(LIMITS) == 0.3
+    way.authority = Authority(stands=True, speed=0.3)
+    assert way.fastest(LIMITS) == 0.0

@@ -186,6 +186,15 @@ Events = Callable[[FleetSimulator, Sequence[Chair], float], None]
 """A change of a scene under way: called before each tick with the simulator, the chairs and the time [s]."""
 
 
+@dataclass(slots=True)
+class _Again:
+    """A rider's tries after drives that ended early: when the next one is due, how many there were, and where the first was."""
+
+    due_ms: int | None = None
+    tries: int = 0
+    place: Pose2 = field(default_factory=Pose2)
+
+
 class Rider:
     """One chair with its goals: asks the warden, drives, and asks again after a drive that ended before its goal."""
 
@@ -208,8 +217,7 @@ class Rider:
         self._asked_ms: int | None = None
         self._course: tuple[Goal, ...] = ()
         self._left = 0
-        self._again_ms: int | None = None
-        self._tries: tuple[int, Pose2] = (0, Pose2())  # that have ended early, and where the first of them did
+        self._again = _Again()
         self._shut = ShutWays(driver)
 
     @property
@@ -246,7 +254,7 @@ class Rider:
         """Set off for new goals, again after a drive that ended early, and to the next wish after an arrival."""
         stage = self.chair.navigator.stage
         if goals is not None and goals != self._course:
-            self._course, self._left, self._again_ms = goals, len(goals), None
+            self._course, self._left, self._again.due_ms = goals, len(goals), None
             if goals:
                 self._set_off()
             return
@@ -267,17 +275,17 @@ class Rider:
     def _ask_again(self, now_ms: int) -> None:
         """Ask again after a while, once the chair is ready; not for ever at one place."""
         assert self.state is not None
-        here, (tries, there) = self.state.map_from_base, self._tries
-        if self._again_ms is None:
+        again, here = self._again, self.state.map_from_base
+        if again.due_ms is None:
             self.run.ends.append(self.chair.navigator.reason)
-            self._again_ms = now_ms + round(1e3 * AGAIN_AFTER_S)
-            if math.dist((here.x, here.y), (there.x, there.y)) > TRIED_WITHIN:
-                self._tries = 0, here
-        elif now_ms >= self._again_ms and self.chair.ready and tries < MOST_TRIES:
-            self._tries = tries + 1, there
+            again.due_ms = now_ms + round(1e3 * AGAIN_AFTER_S)
+            if math.dist((here.x, here.y), (again.place.x, again.place.y)) > TRIED_WITHIN:
+                again.tries, again.place = 0, here
+        elif now_ms >= again.due_ms and self.chair.ready and again.tries < MOST_TRIES:
+            again.tries += 1
             self.run.again += 1
             self._set_off()
-            self._again_ms = None
+            again.due_ms = None
 
     def _set_off(self) -> None:
         self.chair.go(*self._course[len(self._course) - self._left :])

@@ -47,10 +47,11 @@ def fleet_live(out: Path) -> Json:
     light = weighed is None or (weighed.cores <= MOST_CORES and weighed.megabytes <= MOST_MB)
     contacts = sum(run.contacts for run in every)
     safe = over <= OVER_LINE_M and contacts == 0
-    goes_on = max(ordered, default=0) <= GOES_ON_S and all(map(_copes, apart))
+    goes_on = max(ordered, default=0) <= GOES_ON_S and all(map(_copes, apart)) and not any(run.ended for run in every)
+    goes_on = goes_on and all(len(run.ordered_s) == kills for run in runs.values())
     return {
         "passed": in_time and light and safe and goes_on,
-        "real_time_factor": round(quiet.factor, 3),
+        "real_time_factor": round(quiet.factor, 3) if seconds else None,
         "answers": len(quiet.answers_ms),
         "answer_ms_p50_p99": answers,
         "state_age_ms_p50_p99": ages,
@@ -65,6 +66,7 @@ def fleet_live(out: Path) -> Json:
                 "contacts": run.contacts,
                 "goals_reached": run.reached,
                 "real_time_factor": round(run.factor, 3),
+                "ended": run.ended,
             }
             for kind, run in runs.items()
         },

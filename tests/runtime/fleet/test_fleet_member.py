@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections import deque
+from pathlib import Path
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.drive.navigation import Navigation, Stage
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer
 from waychair.planning.fleet.waits import Reason
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.chair_port import OthersView
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, Given, note_bytes
 from waychair.runtime.fleet.desk.live_desk import LiveDesk
 from waychair.runtime.fleet.desk.staff_desk import StaffDesk
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
+from waychair.runtime.fleet.shut_ways import NO_WAY_ROUND_MS
 from waychair.trials.fleet.fleet_scenes import places_in_rooms
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
@@ -74,15 +79,24 @@ def _emptied(queue: deque[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
 
 
 class Ward:
-    """Two chairs that stand in the first and the last room, and a voter with the staff's desk."""
+    """Two chairs that stand in the first and the last room, and a voter with the staff's desk.
 
-    def __init__(self) -> None:
+    `log` is the first chair's; `navigation` what its navigator says.
+    """
+
+    def __init__(self, log: AuditFile | None = None) -> None:
         fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1, 2)), frozenset((DESK,)))
         self.air = Air([1, 2, DESK])
         self.starts = {1: ROOMS[0], 2: ROOMS[-1]}
         self.members = {
             number: FleetMember(
-                fleet, number, 100 + number, ChainDriver(WAYS, number, CHAIR_A, PLACES), start, End(self.air, number)
+                fleet,
+                number,
+                100 + number,
+                ChainDriver(WAYS, number, CHAIR_A, PLACES),
+                start,
+                End(self.air, number),
+                log if number == 1 else None,
             )
             for number, start in self.starts.items()
         }
@@ -91,13 +105,16 @@ class Ward:
         self.desk = LiveDesk(fleet, self.staff)
         self.now_ns = 10**10
         self.steps: dict[int, MemberStep] = {}
+        self.navigation: Navigation | None = None
 
     def run(self, seconds: float) -> None:
         """Let time pass; no chair moves."""
         for _ in range(round(seconds * 10)):
             self.now_ns += STEP_NS
             for number, member in self.members.items():
-                self.steps[number] = member.step(self.now_ns, PLACES[self.starts[number]].pose, 0)
+                navigation = self.navigation if number == 1 else None
+                pose = PLACES[self.starts[number]].pose
+                self.steps[number] = member.step(self.now_ns, pose, 0, navigation=navigation)
             heard = self.end.received()
             step = self.voter.step(self.now_ns, Own(), heard)
             for to, kind, data in step.send:
@@ -159,3 +176,33 @@ def test_a_chair_takes_a_priority_from_the_desk_and_has_its_own_again_when_the_d
     ward.staff.give(2, "routine", KEY, ward.now_ns // 1_000_000)
     ward.run(GIVEN_LAPSES_NS * 1e-9 + 1.5)
     assert {row["chair"]: row["priority"] for row in ward.desk.view(ward.now_ns)["chairs"]}[2] == "routine"
+
+
+def test_a_chair_that_finds_its_way_shut_tells_all_others() -> None:
+    ward = Ward()
+    ward.run(6)
+    ward.members[1].want(GOALS[1], ward.now_ns)
+    ward.run(1)
+    assert ward.steps[1].wait is None
+    ward.navigation = Navigation(Stage.WAITING, plans=1)
+    ward.run(NO_WAY_ROUND_MS * 1e-3 - 1.0)
+    assert ward.desk.view(ward.now_ns)["closed"] == []
+    section = ward.members[1].driver.driver.section_ahead()
+    ward.run(2)
+    assert ward.desk.view(ward.now_ns)["closed"] == [section]
+
+
+def test_the_warden_keeps_the_waits_under_its_order(tmp_path: Path) -> None:
+    log = AuditFile(tmp_path / "waits.jsonl")
+    ward = Ward(log)
+    ward.run(6)
+    ward.members[2].want(ROOMS[0], ward.now_ns)
+    ward.run(2)
+    assert ward.members[1].driver.peer.grants
+    ward.members[2].want(None, ward.now_ns)
+    ward.members[1].want(GOALS[1], ward.now_ns)  # the warden looks at all waits anew
+    ward.run(1)
+    records = [json.loads(line) for line in log.path.read_text(encoding="utf-8").splitlines()]
+    assert records
+    assert {(each["event"], each["waits"], each["first"]) for each in records} == {("waited", 2, 1)}
+    log.close()

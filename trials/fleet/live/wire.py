@@ -78,10 +78,8 @@ class ChairWord(Struct, frozen=True, array_like=True):
         held: it stands for another chair.
         told: what its rider is told.
         waits: other chair (-1: none), place, rule and foreseen ms (-1: unknown) of its wait; None if it waits for nobody.
-        may_enter: spots ahead that it may enter.
         warden: the chair that it follows; 0: none.
-        alone: it drives by its own eyes alone.
-        backed_out: how often it has backed out for another chair that it cannot hear.
+        by_eye: whether it drives by its own eyes alone, and how often it has backed out for another one so.
         answers_ms: times from its requests to their first answers since the last word.
         ages_ms: ages of the others' last States at its steps since the last word.
         notices: sentences for people.
@@ -97,10 +95,8 @@ class ChairWord(Struct, frozen=True, array_like=True):
     held: bool = False
     told: str = ""
     waits: tuple[int, str, str, int] | None = None
-    may_enter: int = 0
     warden: int = 0
-    alone: bool = False
-    backed_out: int = 0
+    by_eye: tuple[bool, int] = (False, 0)
     answers_ms: list[float] = []
     ages_ms: list[float] = []
     notices: list[str] = []
