@@ -98,6 +98,7 @@ MIRRORS = {
     "MujocoSettings": "settings",
     "PlantSettings": "settings",
     "Stack": "the options of `waychair up`",
+    "State": "a peer's message",
     "Tick": "the black box's record",
     "VdaState": "a message of VDA 5050",
     "World": "a world's file",

@@ -66,6 +66,12 @@ class Ways:
         return int(self.resource.max()) + 1
 
     @cached_property
+    def dead_ends(self) -> frozenset[str]:
+        """The nodes of refuges to which one section leads: nobody waits in a door."""
+        ends = Counter(end for section in self.graph.sections for end in (section.start, section.end))
+        return frozenset(node for node in self.graph.refuge_at if ends[node] == 1)
+
+    @cached_property
     def slots(self) -> dict[str, tuple[int, ...]]:
         """The spots of each refuge, by its name."""
         found: dict[str, tuple[int, ...]] = {}

@@ -8,7 +8,6 @@ disturbs nobody: never in a door, nor at a node where others turn, unless it has
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -79,8 +78,6 @@ class ChainDriver:
         self._spot_places: tuple[SpotPlace, ...] = spot_places(ways)
         self._rooms = node_rooms(ways.graph)
         self._rings = ring_sections(ways.graph)
-        ends = Counter(end for section in ways.graph.sections for end in (section.start, section.end))
-        self._dead_ends = {node for node in ways.graph.refuge_at if ends[node] == 1}
         self._visit = 0  # of the spot that the chair has entered last
         self._behind: list[int] = []  # spots that its rear has not left, the earliest first
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
@@ -275,7 +272,7 @@ class ChainDriver:
         if place.section is None:
             return False
         section = self._ways.graph.section[place.section]
-        door = not self._dead_ends.isdisjoint((section.start, section.end))
+        door = not self._ways.dead_ends.isdisjoint((section.start, section.end))
         rooms = sum(self._rooms[end, section.name] for end in (section.start, section.end))
         return not door and section.length - rooms >= self._body.length
 

@@ -87,7 +87,7 @@ class FleetMember:
         """
         peer = Peer(fleet, number, boot, electorate=kept_electorate(memory, fleet.numbers))
         self.driver = PeerDriver(fleet.ways, peer, driver, start)
-        self._shut, self._log, self._memory = ShutWays(driver), log, memory
+        self._shut, self._files = ShutWays(driver), (log, memory)
         self.measures = Measures()
         self._fleet = fleet
         self._transport = transport
@@ -131,7 +131,8 @@ class FleetMember:
         heard = self._transport.received()
         wish = None if self._wish is None else replace(self._wish, priority=int(self._priority(now_ns)))
         found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, sight)
-        said = [keep_electorate(self._memory, found.peer.electorate)]
+        log, memory = self._files
+        said = [keep_electorate(memory, found.peer.electorate)]
         for to, kind, data in found.peer.send:
             self._transport.send(to, kind, data)
             if kind == "request" and self._asked_ns is None:
@@ -143,7 +144,7 @@ class FleetMember:
         self._tell(now_ns, wait, told)
         if navigation is not None and not manual:
             self._note_shut(now_ns, navigation, pose)
-        said += [] if self._log is None else [self._log.add(found.peer.records, now_ns)]
+        said += [] if log is None else [log.add(found.peer.records, now_ns)]
         return MemberStep(found.driven, wait, told, (*found.peer.notices, *filter(None, said)), found.tone)
 
     def park(self) -> None:
