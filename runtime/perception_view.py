@@ -34,8 +34,9 @@ from waychair.control.behaviours.view.sensor_cells import SensorTroubles
 from waychair.control.behaviours.view.servo_cells import CameraOrder
 from waychair.geometry import wrap_angle
 from waychair.planning.seen.doorways import SPARE, DoorState, Doorway
+from waychair.runtime.haptics.haptic_state import Surroundings
 from waychair.runtime.perception import Perceived
-from waychair.types import PanTiltAngles, Pose2
+from waychair.types import PanTiltAngles, Place, Pose2
 
 FARTHEST_DOORWAY = 8.0
 """m; doorways farther away are not shown."""
@@ -107,6 +108,16 @@ class PerceptionView:
     doorways: tuple[DoorwayView, ...] = ()
     aim: AimView | None = None
     troubles: tuple[str, ...] = ()
+
+
+_MOST_DOORWAYS = 2
+"""More doorways in one answer are not remembered."""
+
+
+def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Surroundings:
+    """Return what a chair can tell of its place: its map's places, and what the behaviour cells have found near."""
+    near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
+    return Surroundings(tuple(places.values()), near)
 
 
 class WithoutCells:

@@ -33,9 +33,8 @@ from waychair.runtime.drawing_port import NO_GUIDE, NOT_ASKED, DrawingPort
 from waychair.runtime.guard_port import GuardPort
 from waychair.runtime.habits import Habits
 from waychair.runtime.haptic_port import HapticPort
-from waychair.runtime.haptics.where import surroundings
 from waychair.runtime.kept_level import KeptLevel
-from waychair.runtime.perception_view import PerceptionView, drawn_network
+from waychair.runtime.perception_view import PerceptionView, drawn_network, surroundings
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.simulator import SimulationSettings, Simulator

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from waychair.control.behaviours.commands import sector_of
 from waychair.geometry import wrap_angle
 from waychair.runtime.haptics.haptic_state import Surroundings
-from waychair.runtime.perception_view import PerceptionView
 from waychair.types import Place, Pose2
 
 AT_PLACE = 0.7
@@ -20,9 +19,6 @@ FARTHEST = 15.0
 MOST_NEAR = 3
 """Most sentences about what is round the chair: more are not remembered."""
 
-_MOST_DOORWAYS = 2
-"""More doorways in one answer are not remembered."""
-
 _SIDES = (
     "ahead",
     "ahead on the left",
@@ -33,12 +29,6 @@ _SIDES = (
     "on the right",
     "ahead on the right",
 )
-
-
-def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Surroundings:
-    """Return what a chair can tell of its place: its map's places, and what the behaviour cells have found near."""
-    near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
-    return Surroundings(tuple(places.values()), near)
 
 
 def where_words(pose: Pose2 | None, round_me: Surroundings, step: str = "") -> str:

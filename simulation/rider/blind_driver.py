@@ -8,7 +8,7 @@ trials with them show faults of the guidance, never that it helps a person.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from waychair.firmware_bridge.glove.layouts import TactorLayout
 from waychair.firmware_bridge.glove.levels import MotorLevels
 from waychair.firmware_bridge.glove.messages import PlayStep
-from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.hand import Hand, HandModel
 from waychair.simulation.rider.skin import FeltBurst, Recogniser, Skin, SkinModel
 from waychair.types import JoystickInput
@@ -57,15 +56,6 @@ class DriverModel:
     sure: float = 1.0
     warnings_felt: float = 1.0
     patience_s: float = 3.0
-
-
-def used_to(driver: DriverModel, plant: PlantSettings) -> DriverModel:
-    """Return a driver who knows from which push on this chair begins to turn, and nudges by as much beyond it.
-
-    An assumption: nobody is led by nudges before the hour with a trainer in which this is felt.
-    """
-    stiffer = (plant.turn_dead_band - PlantSettings().turn_dead_band) / plant.swing_volts
-    return replace(driver, hand=replace(driver.hand, nudge=driver.hand.nudge + stiffer))
 
 
 _SOONEST_S = 0.15

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
@@ -29,7 +29,8 @@ from waychair.runtime.haptics.learnt_file import load_learner, save_learner
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
-from waychair.simulation.rider.blind_driver import BlindDriver, used_to
+from waychair.simulation.plant.plant import PlantSettings
+from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
@@ -145,3 +146,12 @@ def haptics_of(
         return
     with open_haptics(options, setup.body, setup.grid, setup.zones, seed, apart=apart) as parts:
         yield parts
+
+
+def used_to(driver: DriverModel, plant: PlantSettings) -> DriverModel:
+    """Return a driver who knows from which push on this chair begins to turn, and nudges by as much beyond it.
+
+    An assumption: nobody is led by nudges before the hour with a trainer in which this is felt.
+    """
+    stiffer = (plant.turn_dead_band - PlantSettings().turn_dead_band) / plant.swing_volts
+    return replace(driver, hand=replace(driver.hand, nudge=driver.hand.nudge + stiffer))

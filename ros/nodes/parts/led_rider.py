@@ -35,7 +35,7 @@ from waychair.runtime.haptic_port import NOT_LED
 from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Surroundings
 from waychair.runtime.haptics.teller import Teller
-from waychair.runtime.haptics.where import surroundings
+from waychair.runtime.perception_view import surroundings
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.topics import SCAN as SCAN_RATE
