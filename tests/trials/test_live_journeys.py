@@ -61,6 +61,8 @@ def test_goals_on_all_storeys_have_times_and_lifts_and_wait_for_a_yes(chair: Liv
     assert chair.pause().sentence == "there is no drive to pause"
     sets_off(chair)
     until(chair, lambda view: view.twist.v > 0.1)
+    assert "did you mean 'Upper/office/office'" in chair.start_at("ofice").sentence
+    assert chair.start_at(OFFICE).sentence.startswith("the chair is on its way: cancel the drive first")
     assert chair.stop().done
     held = until(chair, lambda view: view.paused)
     assert held.mode is DriveMode.STOPPED
