@@ -62,16 +62,11 @@ from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
 from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
 from waychair.ros.nodes.parts.journeys import Journeys
 from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.ros.nodes.parts.map_layout import first_layout
 from waychair.ros.nodes.parts.navigate_action import NavigateAction, feedback
 from waychair.ros.nodes.parts.navigation_display import NavigationDisplay
 from waychair.ros.nodes.parts.navigator_senses import NavigatorSenses
-from waychair.ros.nodes.parts.navigator_state import (
-    CurrentDrive,
-    Latest,
-    NavigatedBuilding,
-    NavigatorPublishers,
-    first_layout,
-)
+from waychair.ros.nodes.parts.navigator_state import CurrentDrive, Latest, NavigatedBuilding, NavigatorPublishers
 from waychair.ros.nodes.parts.refusals import Refusals
 from waychair.ros.nodes.parts.remote_chair import ChairNow
 from waychair.ros.nodes.parts.tick_phase import TickPhase

@@ -29,7 +29,7 @@ from waychair.ros.messages.motion import read_odometry
 from waychair.ros.messages.sensors import read_scan
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import LastMessage
-from waychair.ros.nodes.parts.navigator_state import Layout
+from waychair.ros.nodes.parts.map_layout import Layout
 from waychair.runtime.guard_view import GuardView
 from waychair.runtime.haptic_port import NOT_LED
 from waychair.runtime.haptics.haptic_guide import HapticGuide

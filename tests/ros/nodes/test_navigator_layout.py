@@ -14,7 +14,7 @@ from tests.runtime.haptics.guided_rider import room
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import MapError
 from waychair.maps.folders.depth_layer import SEEN_BY_DEPTH, save_depth_layer
-from waychair.ros.nodes.parts.navigator_state import Layout
+from waychair.ros.nodes.parts.map_layout import Layout
 from waychair.runtime.pilot import PilotSettings
 from waychair.trials.simulated_stops import simulated_calibration
 from waychair.types import OccupancyGrid
