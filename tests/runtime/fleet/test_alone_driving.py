@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD
 from waychair.planning.fleet.ways import ways_of
@@ -16,6 +17,7 @@ from waychair.runtime.fleet.alone_driving import FACES_MS, LETS_PASS_MS, AloneDr
 from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.simulation.plan.corridor_world import corridor_world
+from waychair.trials.fleet.fleet_scenes import places_in_rooms
 from waychair.types import FloatArray, Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
@@ -36,6 +38,8 @@ def _seen(things: FloatArray, pose: Pose2 = AT_HOME) -> Seen:
     return Seen(pose, SIGHT.taken_by(things), things)
 
 
+SHARES = np.linspace(0.0, 1.0, 9)
+PLACES = places_in_rooms(PLAN)
 NOTHING = np.empty((0, 2))
 NOSE = 0.8
 START, GOAL = ROOMS[0], ROOMS[-1]
@@ -129,3 +133,20 @@ def test_a_chair_whose_goal_is_taken_backs_out_on_either_side(x: float, heading:
         driver.step(now_ms, front, goal, replace(_seen(things, Pose2(x, 3.0, heading)), nose=NOSE))
     assert driver.retreats == 1
     assert WAYS.names[driver._chain[-1]] != goal
+
+
+def test_a_chair_aside_in_a_room_leaves_the_corridor_free() -> None:
+    place = PLACES[ROOMS[1]].pose
+    taken = {WAYS.names[spot] for spot in range(len(WAYS.names)) if int(WAYS.resource[spot]) in _aside(place)}
+    assert ROOMS[1] in taken
+    assert taken.isdisjoint(section.name for section in GRAPH.sections if section.length > 2.0)
+    assert not any(math.dist((node.x, node.y), (place.x, 3.0)) < 0.1 for node in GRAPH.nodes if node.name in taken)
+
+
+def _aside(pose: Pose2) -> frozenset[int]:
+    """Return what is taken by a chair's outline, seen from the corridor."""
+    corners = transform_points(pose, CHAIR_A.outline())
+    sides = [
+        a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True) for share in SHARES
+    ]
+    return SIGHT.taken_by(np.array(sides))
