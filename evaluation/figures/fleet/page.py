@@ -176,7 +176,7 @@ def _pages() -> Iterator[tuple[_World, dict[int, Page]]]:
         browser = stack.enter_context(playwright.chromium.launch(executable_path=program))
         pages = {}
         for number, port in ports.items():
-            address = stack.enter_context(page_server(port))  # type: ignore[arg-type]
+            address = stack.enter_context(page_server(port))
             pages[number] = browser.new_page()
             pages[number].add_init_script(WATCH)
             pages[number].goto(address)
