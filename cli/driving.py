@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from waychair.runtime.chair import ChairSettings
     from waychair.simulation.plan.world import World
     from waychair.simulation.simulator import SimulationSettings
-    from waychair.trials.demo import Demo
-    from waychair.trials.demo_page import DemoPage
+    from waychair.trials.demo.demo import Demo
+    from waychair.trials.demo.demo_page import DemoPage
     from waychair.trials.drive import DriveRecord
     from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -75,9 +75,9 @@ def demo_command(
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.progress import stage_bars
     from waychair.offline.mapping import MappingSettings
-    from waychair.trials.demo import run_demo
-    from waychair.trials.demo_page import DemoPage
-    from waychair.trials.demo_report import write_report
+    from waychair.trials.demo.demo import run_demo
+    from waychair.trials.demo.demo_page import DemoPage
+    from waychair.trials.demo.demo_report import write_report
     from waychair.trials.travel.building_demo import is_building, run_building_demo
     from waychair.trials.travel.building_demo_report import building_facts, write_building_report
 
@@ -123,7 +123,7 @@ def _print_demo(demo: Demo, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from waychair.trials.demo_report import HEADER, IN_TERMINAL, facts, row
+    from waychair.trials.demo.demo_report import HEADER, IN_TERMINAL, facts, row
 
     table = Table(*HEADER[:IN_TERMINAL], title=demo.world)
     for leg in demo.legs:
@@ -328,7 +328,7 @@ def _print_legs(legs: Sequence[DriveRecord]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
+    from waychair.trials.demo.demo_report import HEADER, IN_TERMINAL, row
 
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:

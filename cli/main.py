@@ -53,40 +53,58 @@ app.command(
     name="why",
     help="Explain the chair's last stop from its black box.",
 )
-app.command("waychair.cli.starting:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
-app.command("waychair.cli.stack_commands:goto_command", name="goto", help="Send the running chair to places.")
 app.command(
-    "waychair.cli.travel_commands:travel_command", name="travel", help="Send the running chair to another storey."
+    "waychair.cli.running.starting:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated."
+)
+app.command("waychair.cli.running.stack_commands:goto_command", name="goto", help="Send the running chair to places.")
+app.command(
+    "waychair.cli.running.travel_commands:travel_command",
+    name="travel",
+    help="Send the running chair to another storey.",
 )
 app.command(
-    "waychair.cli.travel_commands:directions_command",
+    "waychair.cli.running.travel_commands:directions_command",
     name="directions",
     help="Tell the rider of the running chair the way to a goal.",
 )
 app.command(
-    "waychair.cli.travel_commands:storey_command", name="storey", help="Tell the running chair which storey it is on."
+    "waychair.cli.running.travel_commands:storey_command",
+    name="storey",
+    help="Tell the running chair which storey it is on.",
 )
 app.command(
-    "waychair.cli.record_commands:record_command", name="record", help="Record a running chair's topics into a bag."
+    "waychair.cli.running.record_commands:record_command",
+    name="record",
+    help="Record a running chair's topics into a bag.",
 )
 app.command(
-    "waychair.cli.record_commands:save_command", name="save", help="Write the map of the running chair to a folder."
+    "waychair.cli.running.record_commands:save_command",
+    name="save",
+    help="Write the map of the running chair to a folder.",
 )
 app.command(
-    "waychair.cli.stack_commands:confirm_command", name="confirm", help="Confirm the waiting goal for the rider."
+    "waychair.cli.running.stack_commands:confirm_command",
+    name="confirm",
+    help="Confirm the waiting goal for the rider.",
 )
-app.command("waychair.cli.stack_commands:pause_command", name="pause", help="Pause the running chair's drive.")
-app.command("waychair.cli.stack_commands:go_on_command", name="go-on", help="Continue the paused drive.")
-app.command("waychair.cli.stack_commands:cancel_command", name="cancel", help="Cancel the running chair's drive.")
-app.command("waychair.cli.stack_commands:stop_command", name="stop", help="Stop the running chair at once.")
-app.command("waychair.cli.stack_commands:reset_command", name="reset", help="Reset latched faults, after their repair.")
+app.command("waychair.cli.running.stack_commands:pause_command", name="pause", help="Pause the running chair's drive.")
+app.command("waychair.cli.running.stack_commands:go_on_command", name="go-on", help="Continue the paused drive.")
 app.command(
-    "waychair.cli.stack_commands:initial_pose_command",
+    "waychair.cli.running.stack_commands:cancel_command", name="cancel", help="Cancel the running chair's drive."
+)
+app.command("waychair.cli.running.stack_commands:stop_command", name="stop", help="Stop the running chair at once.")
+app.command(
+    "waychair.cli.running.stack_commands:reset_command", name="reset", help="Reset latched faults, after their repair."
+)
+app.command(
+    "waychair.cli.running.stack_commands:initial_pose_command",
     name="initial-pose",
     help="Tell the running chair where it stands.",
 )
 app.command(
-    "waychair.cli.stack_commands:status_command", name="status", help="Print the running chair's pose and state."
+    "waychair.cli.running.stack_commands:status_command",
+    name="status",
+    help="Print the running chair's pose and state.",
 )
 app.command(
     "waychair.cli.barn_command:barn_command",

@@ -91,12 +91,12 @@ def page_command(
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.haptic_options import haptic_options
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
-    from waychair.cli.starting import WARNING
-    from waychair.runtime.habits import Habits, default_path
-    from waychair.runtime.kept_level import KeptLevel
+    from waychair.cli.running.starting import WARNING
     from waychair.runtime.processes import signalled
-    from waychair.trials.live_building import live_building
-    from waychair.trials.live_chair import LiveChair
+    from waychair.runtime.rider.habits import Habits, default_path
+    from waychair.runtime.rider.kept_level import KeptLevel
+    from waychair.trials.live.live_building import live_building
+    from waychair.trials.live.live_chair import LiveChair
     from waychair.ui.server import page_server
 
     check_page_port(port, "--port")

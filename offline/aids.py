@@ -18,9 +18,9 @@ from waychair.slam.odometry.aid_check import AidCheck, check_aids
 from waychair.slam.odometry.aid_findings import (
     AidFinding,
     AidNames,
+    AidPart,
+    AidState,
     Cause,
-    Part,
-    State,
     clause,
     finding_from_break,
     name_of,
@@ -28,7 +28,7 @@ from waychair.slam.odometry.aid_findings import (
     sentence,
 )
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
-from waychair.slam.odometry.broken_steps import Track, repaired
+from waychair.slam.odometry.broken_steps import OrderedOdometry, repaired
 from waychair.slam.odometry.wild_readings import without_wild_readings
 from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
 from waychair.types import BoolArray, FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
@@ -141,9 +141,9 @@ def _with_motions(
     frames, broken = _without_broken_steps(frames, times, motions)
     findings += broken
     check, series = _check(frames, times, motions)
-    if any(found.part is Part.LIDAR and found.state is State.CORRECTED for found in check.findings):
+    if any(found.part is AidPart.LIDAR and found.state is AidState.CORRECTED for found in check.findings):
         frames, swept_back = _upright(frames, mount)
-        upright = [found for found in check.findings if found.part is Part.LIDAR]
+        upright = [found for found in check.findings if found.part is AidPart.LIDAR]
         findings += [
             replace(found, advice=_REVERSED) if swept_back else _advised(found, LaserMount(mount, True))
             for found in upright
@@ -154,15 +154,17 @@ def _with_motions(
     if better is not None:
         told = LaserMount(better.base_from_laser)
         found = AidFinding(
-            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.lever, sigma=float(np.degrees(better.yaw))
+            AidPart.LIDAR, AidState.CORRECTED, Cause.MOUNT, value=better.lever, sigma=float(np.degrees(better.yaw))
         )
         findings.append(_advised(found, told))
         mount = better.base_from_laser
         motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
-    findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
+    findings += [
+        found for found in check.findings if found.part is not AidPart.LIDAR or found.state is AidState.LEFT_OUT
+    ]
     unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
-    if not unmoved and all(found.state is State.NOTED for found in findings):
+    if not unmoved and all(found.state is AidState.NOTED for found in findings):
         return _told(recording, findings)
     frames = _with_gyro(frames, times, check)
     if unmoved:  # an IMU alone tells no way: the scans do
@@ -211,10 +213,10 @@ def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
     more = 0
     steps = (Cause.WILD, Cause.RESTART, Cause.JUMP)
     for cause in steps:
-        same = [found for found in findings if found.cause is cause and found.part is Part.WHEELS]
+        same = [found for found in findings if found.cause is cause and found.part is AidPart.WHEELS]
         kept += same[:_MOST_SEVERAL]
         more += len(same[_MOST_SEVERAL:])
-    rest = [found for found in findings if found.cause not in steps or found.part is not Part.WHEELS]
+    rest = [found for found in findings if found.cause not in steps or found.part is not AidPart.WHEELS]
     told = [sentence(found, names) for found in (*kept, *rest)]
     if more:
         told.insert(len(kept), f"{names.wheels}: {more} more steps that no chair drives were bridged")
@@ -265,7 +267,7 @@ def _without_broken_steps(
     return tuple(changed), [finding_from_break(found) for found in breaks]
 
 
-def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
+def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> OrderedOdometry | None:
     rows = [
         (
             time + (reading.stamp_ns - frame.stamp_ns) * 1e-9,
@@ -278,7 +280,7 @@ def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
     ]
     if len(rows) < 10:
         return None
-    return Track(
+    return OrderedOdometry(
         times=np.maximum.accumulate(np.array([row[0] for row in rows])),
         poses=np.array([row[1].odom_from_base.array() for row in rows]),
         speeds=np.array([(row[1].twist.v, row[1].twist.omega) for row in rows]),
@@ -286,7 +288,7 @@ def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
     )
 
 
-def _wheel_series(track: Track) -> WheelSeries:
+def _wheel_series(track: OrderedOdometry) -> WheelSeries:
     return WheelSeries(track.times, track.poses, track.speeds, track.times[~track.between])
 
 
@@ -349,7 +351,7 @@ def _better_mount(
     frames: tuple[SensorFrame, ...], motions: ScanMotions, mount: Pose2, check: AidCheck
 ) -> MountCheck | None:
     """Return the mount by which wheels and scans agree, if the told one is certainly wrong and the wheels are sound."""
-    turns_wrong = any(found.part in (Part.WHEEL_TURN, Part.LIDAR, Part.WHEELS) for found in check.findings)
+    turns_wrong = any(found.part in (AidPart.WHEEL_TURN, AidPart.LIDAR, AidPart.WHEELS) for found in check.findings)
     poses = _poses(frames)
     if turns_wrong or poses is None or len(motions.before) < 20:
         return None

@@ -26,7 +26,7 @@ _LARGEST = 2**62  # stands for an infinite bound of whole numbers
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Leaf:
+class LeafSetting:
     """One setting with a plain value: its dotted name, value, and metadata (`unit`, `about`, `low`, `high`)."""
 
     name: str
@@ -49,15 +49,15 @@ class Leaf:
         return isinstance(self.parameter, str) and not isinstance(self.value, str)
 
 
-def leaves(settings: Settings, prefix: str = "") -> dict[str, Leaf]:
+def leaves(settings: Settings, prefix: str = "") -> dict[str, LeafSetting]:
     """Return all plain values of nested settings, by dotted name."""
-    found: dict[str, Leaf] = {}
+    found: dict[str, LeafSetting] = {}
     for entry in settable_fields(settings):
         name, value = f"{prefix}{entry.name}", getattr(settings, entry.name)
         if isinstance(value, Settings):
             found.update(leaves(value, f"{name}."))
         else:
-            found[name] = Leaf(name, value, entry.metadata)
+            found[name] = LeafSetting(name, value, entry.metadata)
     return found
 
 
@@ -87,7 +87,7 @@ def settings_from_parameters(kind: type[S], values: Mapping[str, Any], where: st
     return from_mapping(kind, nested, where)
 
 
-def descriptor(leaf: Leaf, *, dynamic: bool) -> Any:
+def descriptor(leaf: LeafSetting, *, dynamic: bool) -> Any:
     """Return a rcl_interfaces/ParameterDescriptor with a setting's meaning, unit and bounds, and whether it may change."""
     about, unit = leaf.metadata.get("about", ""), leaf.metadata.get("unit", "")
     described = interface_type("rcl_interfaces/msg/ParameterDescriptor")(

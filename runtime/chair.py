@@ -26,12 +26,12 @@ from waychair.maps.grid.cells import unscanned_points
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.chair_state import ChairState, ChairWatcher, Watchers
 from waychair.runtime.drive_base import ChairMessage, DriveBase
-from waychair.runtime.guard_view import GuardView, guard_view
 from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.perception import CellInputs, Perception
 from waychair.runtime.pilot import Pilot, PilotSettings
+from waychair.runtime.rider.guard_view import GuardView, guard_view
 from waychair.slam.localising.kidnap_recovery import SavedMap
 from waychair.slam.localising.localiser import (
     Localisation,

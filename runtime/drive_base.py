@@ -30,8 +30,8 @@ from waychair.runtime.command_limits import CommandLimits
 from waychair.runtime.halt_watch import HaltWatch
 from waychair.runtime.measured_motion import MeasuredMotion
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
-from waychair.runtime.rider_guard import RiderGuard
-from waychair.runtime.rider_input import RiderInput
+from waychair.runtime.rider.rider_guard import RiderGuard
+from waychair.runtime.rider.rider_input import RiderInput
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import (
     ChairStatus,

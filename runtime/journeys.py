@@ -19,12 +19,12 @@ from waychair.control.journey.door_view import Door, DoorView, beams_through, fo
 from waychair.control.journey.journey import (
     IN_THE_CAR,
     SEEN_OPEN_S,
-    Drive,
+    DriveProgress,
     Journey,
+    JourneyOrder,
+    JourneyPhase,
     JourneyView,
     Leg,
-    Order,
-    Phase,
     begun,
     cancel,
     go_on,
@@ -33,7 +33,7 @@ from waychair.control.journey.journey import (
 from waychair.control.journey.lift_site import LiftSite, stand_in
 from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.control.journey.ride_motion import RideMotion
-from waychair.control.journey.which_storey import Evidence, probabilities, seen_through_door
+from waychair.control.journey.which_storey import StopEvidence, probabilities, seen_through_door
 from waychair.control.safety.stops import Halt
 from waychair.control.safety.supervisor import deflection_of
 from waychair.geometry import transform_points
@@ -119,7 +119,7 @@ class TravelState:
 
     chair: ChairState
     journey: Journey | None
-    order: Order
+    order: JourneyOrder
     storey: str
     chances: Mapping[str, float]
     door: DoorView
@@ -178,13 +178,13 @@ class Traveller:
         self._motion = RideMotion()
         self._heard = _Heard()
         self._aboard = _Aboard()
-        self._drive: tuple[tuple[int, int] | None, Drive, str] = None, Drive.NONE, ""
+        self._drive: tuple[tuple[int, int] | None, DriveProgress, str] = None, DriveProgress.NONE, ""
         self._pressed: tuple[str, str, int] = "", "", -(10**12)
 
     @property
     def under_way(self) -> bool:
         """Whether a journey goes on by itself: it has neither ended nor is it held."""
-        return self.journey is not None and not self.journey.ended and self.journey.phase is not Phase.HELD
+        return self.journey is not None and not self.journey.ended and self.journey.phase is not JourneyPhase.HELD
 
     @property
     def aboard(self) -> bool:
@@ -194,11 +194,11 @@ class Traveller:
     def go(self, legs: Sequence[Leg], now_ns: int) -> None:
         """Begin a journey by the rider's yes; a goal for which the chair waits is that of the first leg."""
         self.journey = begun(tuple(legs), now_ns)
-        self._drive, self._aboard = (None, Drive.NONE, ""), _Aboard()
+        self._drive, self._aboard = (None, DriveProgress.NONE, ""), _Aboard()
         self._heard.hold = ""
         if self._chair.waits:
             self._chair.confirm()
-            self._drive = (self.journey.leg, self.journey.drives), Drive.UNDER_WAY, ""
+            self._drive = (self.journey.leg, self.journey.drives), DriveProgress.UNDER_WAY, ""
 
     def drop(self) -> None:
         """Forget a journey that could not begin, has ended, or gives way to another goal; its lift is let go."""
@@ -222,13 +222,13 @@ class Traveller:
         journey = self.journey
         if journey is None or not self.under_way:
             return self._chair.pause()
-        if journey.phase is not Phase.DRIVE or not self._chair.pause():
+        if journey.phase is not JourneyPhase.DRIVE or not self._chair.pause():
             self._heard.hold = "paused"
         return True
 
     def go_on(self, now_ns: int) -> bool:
         """Continue a journey that was held, or a drive that was paused; return whether there is one."""
-        if self.journey is not None and self.journey.phase is Phase.HELD:
+        if self.journey is not None and self.journey.phase is JourneyPhase.HELD:
             self.journey = go_on(self.journey, now_ns)
             return True
         return self._chair.go_on()
@@ -236,12 +236,16 @@ class Traveller:
     def answer(self, storey: str, now_ns: int) -> None:
         """Take the rider's word for the storey; a journey that was held for it goes on."""
         self._aboard.rider = storey
-        if self.journey is not None and self.journey.phase is Phase.HELD and self.journey.resume is Phase.WHICH:
+        if (
+            self.journey is not None
+            and self.journey.phase is JourneyPhase.HELD
+            and self.journey.resume is JourneyPhase.WHICH
+        ):
             self.journey = go_on(self.journey, now_ns)
 
     def met_beacon(self, storey: str) -> None:
         """Take the word of a beacon, met in a lift at rest, for the storey."""
-        if self.journey is not None and self.journey.phase is Phase.WHICH:
+        if self.journey is not None and self.journey.phase is JourneyPhase.WHICH:
             self._aboard.beacon = storey
 
     def take_storey(self, storey: str, map_from_base: Pose2 | None) -> bool:
@@ -292,7 +296,7 @@ class Traveller:
                 self._heard.scan = message
         self._note_drive(state)
         if self.journey is None:
-            return TravelState(state, None, Order(""), self.storey, {}, self._heard.door)
+            return TravelState(state, None, JourneyOrder(""), self.storey, {}, self._heard.door)
         site = self._site(self.journey)
         if site is not None and any(isinstance(message, Scan) for message in heard):
             self._look(site, state)
@@ -300,9 +304,9 @@ class Traveller:
                 self._motion.stands()
         view, before = self._view(self.journey, site, state), self.journey
         self.journey, order = step(before, view)
-        if self.journey.phase is Phase.RIDE and before.phase is not Phase.RIDE:
+        if self.journey.phase is JourneyPhase.RIDE and before.phase is not JourneyPhase.RIDE:
             self._chair.doubt_storey(certain=False)
-        if self.journey.phase is Phase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
+        if self.journey.phase is JourneyPhase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
         self._obey(self.journey, order, state)
         return TravelState(state, self.journey, order, self.storey, view.chances, self._heard.door)
@@ -310,12 +314,12 @@ class Traveller:
     def _site(self, journey: Journey) -> LiftSite | None:
         """Return the lift that the journey is about, on the map in use."""
         lift = journey.here.lift
-        if journey.phase is Phase.LEAVE or (journey.phase is Phase.DRIVE and not lift):
+        if journey.phase is JourneyPhase.LEAVE or (journey.phase is JourneyPhase.DRIVE and not lift):
             lift = journey.legs[max(journey.leg - 1, 0)].lift
         return self._sites.get((lift, self.storey))
 
     def _is_aboard(self, journey: Journey) -> bool:
-        held = journey.phase is Phase.HELD and journey.resume in IN_THE_CAR
+        held = journey.phase is JourneyPhase.HELD and journey.resume in IN_THE_CAR
         return (journey.phase in IN_THE_CAR or held) and self._aboard.leg == journey.leg
 
     def _cabin_from_base(self, journey: Journey, site: LiftSite, state: ChairState) -> Pose2:
@@ -340,7 +344,7 @@ class Traveller:
         self._heard.door = (
             seen_door(self._heard.door, scan, cabin_from_laser, site) if near else forgotten(self._heard.door)
         )
-        if journey.phase is Phase.WHICH and self._heard.door.door is Door.OPEN:
+        if journey.phase is JourneyPhase.WHICH and self._heard.door.door is Door.OPEN:
             angles, ranges = beams_through(scan, cabin_from_laser, site)
             self._aboard.match = {
                 stop: seen_through_door(
@@ -359,7 +363,7 @@ class Traveller:
             return {}
         aboard = self._aboard
         return probabilities(
-            Evidence(
+            StopEvidence(
                 heights={stop: self._maps[stop].height for stop in self._stops(site.lift)}
                 | dict(self._unmapped.get(site.lift, {})),
                 began=aboard.began,
@@ -374,7 +378,7 @@ class Traveller:
 
     def _view(self, journey: Journey, site: LiftSite | None, state: ChairState) -> JourneyView:
         key, drive, why = self._drive
-        drive = drive if key == (journey.leg, journey.drives) else Drive.NONE
+        drive = drive if key == (journey.leg, journey.drives) else DriveProgress.NONE
         stick = None if state.telemetry is None else state.telemetry.joystick
         pushed = stick is not None and not deflection_of(stick) < self._chair.settings.supervisor.override
         pushed = pushed or state.verdict.steered
@@ -386,7 +390,7 @@ class Traveller:
         twist = state.twist
         inside = None if site is None else self._cabin_from_base(journey, site, state)
         localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
-        if localised and site is not None and inside is not None and journey.phase is Phase.RELOCALISE:
+        if localised and site is not None and inside is not None and journey.phase is JourneyPhase.RELOCALISE:
             gap = site.cabin.inverse() @ state.map_from_base
             localised = not site.holds(inside) or float(np.hypot(gap.x - inside.x, gap.y - inside.y)) < ABOARD_WITHIN
         return JourneyView(
@@ -425,29 +429,29 @@ class Traveller:
     def _note_drive(self, state: ChairState) -> None:
         """Note how the drive under way is doing."""
         key, drive, _ = self._drive
-        if drive is not Drive.UNDER_WAY:
+        if drive is not DriveProgress.UNDER_WAY:
             return
         stage = state.navigation.stage.value
         if stage == "arrived":
-            self._drive = key, Drive.ARRIVED, ""
+            self._drive = key, DriveProgress.ARRIVED, ""
         elif not state.verdict.computer_drives:
-            self._drive = key, Drive.ENDED, state.verdict.reason
+            self._drive = key, DriveProgress.ENDED, state.verdict.reason
         elif stage == "failed":
-            self._drive = key, Drive.FAILED, state.navigation.reason
+            self._drive = key, DriveProgress.FAILED, state.navigation.reason
 
-    def _obey(self, journey: Journey, order: Order, state: ChairState) -> None:
+    def _obey(self, journey: Journey, order: JourneyOrder, state: ChairState) -> None:
         """Do what the journey orders."""
         key, drive, _ = self._drive
         wanted = order.goal is not None
-        if drive is Drive.UNDER_WAY and (not wanted or order.key != key):
+        if drive is DriveProgress.UNDER_WAY and (not wanted or order.key != key):
             self._chair.cancel()
-            self._drive = None, Drive.NONE, ""
+            self._drive = None, DriveProgress.NONE, ""
         elif wanted and order.key != key and self._chair.ready and not self._chair.waits:
             assert order.goal is not None
             waiting = tuple(site.waiting for (_, storey), site in self._sites.items() if storey == self.storey)
             self._chair.go(replace(order.goal, waiting=waiting))
             self._chair.confirm()
-            self._drive = order.key, Drive.UNDER_WAY, ""
+            self._drive = order.key, DriveProgress.UNDER_WAY, ""
         site = self._site(journey)
         if site is not None:
             self._lifts.hold(site.lift, order.hold)

@@ -19,7 +19,7 @@ from waychair.simulation.people.person_surroundings import chair_rectangle
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.boxes import nearest_points, touch
 from waychair.simulation.scene.contact import ChairContact, box_of
-from waychair.simulation.scene.scene import ChairState, Mover, PersonPlan, PersonState
+from waychair.simulation.scene.scene import Mover, OtherChair, PersonPlan, PersonState
 from waychair.simulation.scene.seeds import random_stream
 from waychair.types import Pose2, SensorMessage, Twist
 
@@ -113,7 +113,7 @@ class Level:
         people = self.people_on(self._chairs[number].world.level)
         if len(self._chairs) == 1:
             return people
-        return (*people, *(ChairState(chair.truth(), chair.body, other) for other, chair in self._others(number)))
+        return (*people, *(OtherChair(chair.truth(), chair.body, other) for other, chair in self._others(number)))
 
     def taken_by(self, number: int, pose: Pose2) -> int | None:
         """Return another chair that stands where a chair would be at a pose on its level; None if there is none."""

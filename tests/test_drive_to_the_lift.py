@@ -22,8 +22,8 @@ from waychair.recordings.recording import read_recording
 from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.simulation.plan.world import WORLDS, load_world
 from waychair.simulation.simulator import Simulator
-from waychair.trials.demo import SMALL_WORLD, Demo, randomised_settings, run_demo
-from waychair.trials.demo_report import write_report
+from waychair.trials.demo.demo import SMALL_WORLD, Demo, randomised_settings, run_demo
+from waychair.trials.demo.demo_report import write_report
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
 from waychair.types import DriveMode, Goal, JoystickInput, Pose2
 

@@ -10,7 +10,7 @@ from waychair.kernel_cache import compile_lightly
 from waychair.planning import warm_up as planning_kernels
 from waychair.runtime.perception import Perception
 from waychair.slam.mapping import mapper_warm_up as mapping_kernels
-from waychair.trials.demo import StageProgress, run_demo
+from waychair.trials.demo.demo import StageProgress, run_demo
 
 _HALL = """\
 name: hall

@@ -19,9 +19,9 @@ from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.plan.world import World, world_from_grid
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.simulator import SimulationSettings, Simulator, with_all_sensors
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -143,6 +143,6 @@ def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> W
         if not len(free):
             raise WorldError(f"'{world.name}' has room for {len(walkers)} of {count} people: take fewer")
         at = free[rng.integers(len(free))]
-        walkers.append(PersonPlan(Behaviour.BOUNCE, at[None], speed=float(rng.uniform(0.4, 0.9)), radius=radius))
+        walkers.append(PersonPlan(PersonBehaviour.BOUNCE, at[None], speed=float(rng.uniform(0.4, 0.9)), radius=radius))
         free = free[np.hypot(*(free - at).T) > 2 * radius]
     return replace(world, people=(*world.people, *walkers))

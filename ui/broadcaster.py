@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
-from waychair.runtime.chair_port import Answer, ChairPort
+from waychair.runtime.pages.chair_port import ChairPort, PortAnswer
 from waychair.types import Json, OccupancyGrid
 from waychair.ui.commands import RELEASE, STICK, STOP, obey
 from waychair.ui.haptic_messages import NO_HAPTICS, haptics_message
@@ -156,7 +156,7 @@ class Broadcaster:
         """Run a blocking call in a thread."""
         return await asyncio.get_running_loop().run_in_executor(self._calls, work)
 
-    async def obey(self, name: str, asked: Json) -> Answer:
+    async def obey(self, name: str, asked: Json) -> PortAnswer:
         """Run a page's command in a thread."""
         threads = self._stops if name == STOP else self._calls
         return await asyncio.get_running_loop().run_in_executor(threads, partial(obey, self.port, name, asked))
@@ -278,7 +278,7 @@ class CommandRunner:
             self._wishes.append((name, asked, number))
             self._wished.set()
         elif self._others.full():
-            self._say(number, Answer(False, "the chair is still busy with earlier commands: wait a moment"))
+            self._say(number, PortAnswer(False, "the chair is still busy with earlier commands: wait a moment"))
         else:
             self._others.put_nowait((name, asked, number))
 
@@ -300,5 +300,5 @@ class CommandRunner:
     async def _obey(self, name: str, asked: Json, number: object) -> None:
         self._say(number, await self._broadcaster.obey(name, asked))
 
-    def _say(self, number: object, answer: Answer) -> None:
+    def _say(self, number: object, answer: PortAnswer) -> None:
         self._page.answer(encoded({"type": "answer", "id": number, "done": answer.done, "sentence": answer.sentence}))

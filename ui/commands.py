@@ -17,7 +17,7 @@ import numpy as np
 from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import SLOWEST, Rule, Zone
-from waychair.runtime.chair_port import Answer, ChairPort
+from waychair.runtime.pages.chair_port import ChairPort, PortAnswer
 from waychair.types import HelpLevel, Place, Pose2
 
 STOP = "stop"
@@ -121,30 +121,30 @@ def _pose(values: tuple[float, float, float]) -> Pose2:
     return Pose2(x, y, wrap_angle(theta))
 
 
-def _go(port: ChairPort, asked: _GoArguments) -> Answer:
+def _go(port: ChairPort, asked: _GoArguments) -> PortAnswer:
     if bool(asked.place) == (asked.pose is not None):
-        return Answer(False, "a drive leads to a place or to a point: choose one")
+        return PortAnswer(False, "a drive leads to a place or to a point: choose one")
     return port.go(asked.place if asked.pose is None else _pose(asked.pose))
 
 
-def _set_place(port: ChairPort, asked: _PlaceArguments) -> Answer:
+def _set_place(port: ChairPort, asked: _PlaceArguments) -> PortAnswer:
     place = Place(asked.name, _pose(asked.pose), asked.tolerance_m, asked.tolerance_rad)
     return port.set_place(place, asked.replaces)
 
 
-def _set_zone(port: ChairPort, asked: _ZoneArguments) -> Answer:
+def _set_zone(port: ChairPort, asked: _ZoneArguments) -> PortAnswer:
     value = {Rule.KEEP_OUT: 0.0, Rule.SLOW: asked.speed, Rule.ONE_WAY: wrap_angle(asked.heading)}[asked.rule]
     polygon = np.array(asked.polygon, np.float64)
     x, y = (polygon - polygon[0]).T
     if not math.fabs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 1e-6:
-        return Answer(False, "the corners of this zone enclose no area: set them in order around it")
+        return PortAnswer(False, "the corners of this zone enclose no area: set them in order around it")
     return port.set_zone(Zone(asked.name, asked.rule, polygon, value), asked.replaces)
 
 
 @dataclass(frozen=True, slots=True)
 class _Command:
     asked: type[_Arguments]
-    call: Callable[[ChairPort, Any], Answer]
+    call: Callable[[ChairPort, Any], PortAnswer]
 
 
 COMMANDS: Mapping[str, _Command] = {
@@ -184,17 +184,17 @@ COMMANDS: Mapping[str, _Command] = {
 """Every command by its name on the wire."""
 
 
-def obey(port: ChairPort, name: str, asked: object) -> Answer:
+def obey(port: ChairPort, name: str, asked: object) -> PortAnswer:
     """Run a page's command with its JSON arguments `asked`, and return the answer. Never raises."""
     command = COMMANDS.get(name)
     if command is None:
-        return Answer(False, f"unknown command '{name[:40]}': reload this page")
+        return PortAnswer(False, f"unknown command '{name[:40]}': reload this page")
     try:
         return command.call(port, msgspec.convert(asked, command.asked))
     except msgspec.ValidationError as error:
-        return Answer(False, f"the command is invalid: {error}")
+        return PortAnswer(False, f"the command is invalid: {error}")
     except WaychairError as error:
-        return Answer(False, str(error))
+        return PortAnswer(False, str(error))
     except Exception:  # every press of a button gets an answer
         logging.getLogger(__name__).exception("'%s' failed", name)
-        return Answer(False, "the chair's program failed at this command: see its log, then restart it")
+        return PortAnswer(False, "the chair's program failed at this command: see its log, then restart it")

@@ -6,9 +6,9 @@ from collections import Counter
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from waychair.control.guidance.practice import Decision
-from waychair.runtime.habits import DecisionRow, DriveRow, Habits
+from waychair.control.guidance.practice import RiderDecision
 from waychair.runtime.haptics.session_log import SessionLog
+from waychair.runtime.rider.habits import DecisionRow, DriveRow, Habits
 from waychair.types import Json
 from waychair.ui.record_routes import record_routes
 
@@ -23,7 +23,7 @@ def habits_view(habits: Habits) -> Json:
     other: Counter[str] = Counter()
     for row in rows:
         if isinstance(row, DecisionRow):
-            (right if row.done == Decision.FOLLOWED else other)[row.place] += 1
+            (right if row.done == RiderDecision.FOLLOWED else other)[row.place] += 1
     return {
         "wanted": habits.wanted,
         "trouble": habits.trouble,

@@ -10,10 +10,10 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView, OthersView
-from waychair.runtime.guard_view import GuardView
-from waychair.runtime.perception_view import CellView, PerceptionView
-from waychair.runtime.sentences import sentence
+from waychair.runtime.pages.chair_port import ChairView, GoalView, GuideView, LayoutView, OthersView
+from waychair.runtime.pages.perception_view import CellView, PerceptionView
+from waychair.runtime.rider.guard_view import GuardView
+from waychair.runtime.rider.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
 
 MOST_POINTS = 400

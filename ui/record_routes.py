@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from waychair.errors import WaychairError
-from waychair.runtime.consented_rows import ConsentedRows
+from waychair.runtime.rider.consented_rows import ConsentedRows
 from waychair.types import Json
 from waychair.ui.guard import API
 

@@ -22,9 +22,9 @@ import msgspec
 
 from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
-from waychair.runtime.chair_port import ChairPort
-from waychair.runtime.habits import Habits
 from waychair.runtime.haptics.session_log import SessionLog
+from waychair.runtime.pages.chair_port import ChairPort
+from waychair.runtime.rider.habits import Habits
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
 from waychair.ui.editor.server import editor_routes

@@ -127,14 +127,14 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
     """
     from collections import Counter
 
-    from waychair.maps.building.hgraph_checks import Severity, check
+    from waychair.maps.building.hgraph_checks import FindingSeverity, check
     from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.surroundings import surroundings
 
     chair = None if body is None else _body(body)
     building = _loaded(folder)
     found = check(with_zones(building), surroundings(building, chair))
-    errors = sum(each.severity is Severity.ERROR for each in found)
+    errors = sum(each.severity is FindingSeverity.ERROR for each in found)
     if json:
         rows = [
             {

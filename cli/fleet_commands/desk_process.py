@@ -12,7 +12,7 @@ def main() -> None:
     from waychair.cli.fleet_commands.staff_options import desk_beside
     from waychair.errors import WaychairError
     from waychair.runtime.fleet.fleet_file import load_fleet
-    from waychair.runtime.fleet.peer_process import serve
+    from waychair.runtime.fleet.network.peer_process import serve
     from waychair.runtime.processes import CANNOT_START, beats, signalled
 
     path, port = Path(sys.argv[1]), int(sys.argv[2])

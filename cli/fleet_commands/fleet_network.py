@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 
 if TYPE_CHECKING:
-    from waychair.planning.fleet.peers.peer import Step
+    from waychair.planning.fleet.peers.peer import PeerStep
     from waychair.types import Json
 
 keys_app = App(name="keys", help="Make keys with which chairs talk beyond one computer.")
@@ -37,7 +37,7 @@ def keys_new_command(
     days
         How long the certificate is valid.
     """
-    from waychair.runtime.fleet.fleet_keys import new_keys
+    from waychair.runtime.fleet.network.fleet_keys import new_keys
 
     files = new_keys(out, name, days)
     print(f"{name}: copy {files.authority}, {files.certificate} and {files.key} to the chair, and nothing else.")
@@ -95,7 +95,7 @@ def _serve(path: Path, lan: bool, mode: str, what: str, staff_page: int | None =
     from waychair.cli.fleet_commands.staff_options import desk_beside
     from waychair.errors import FleetError
     from waychair.runtime.fleet.fleet_file import load_fleet
-    from waychair.runtime.fleet.peer_process import beside_nothing, serve
+    from waychair.runtime.fleet.network.peer_process import beside_nothing, serve
     from waychair.runtime.processes import signalled
 
     file = load_fleet(path)
@@ -103,7 +103,7 @@ def _serve(path: Path, lan: bool, mode: str, what: str, staff_page: int | None =
         raise FleetError(f"{path}: number {file.number} is a chair's: give the number of a voter for the {what}")
     stopped = signalled(signal.SIGINT, signal.SIGTERM)
 
-    def tell(step: Step) -> None:
+    def tell(step: PeerStep) -> None:
         for said in step.notices:
             print(said, flush=True)
 
@@ -160,8 +160,8 @@ def _watch(path: Path, lan: bool, as_json: bool, seconds: float, again: bool) ->
 
     from waychair.runtime.fleet.fleet_file import load_fleet
     from waychair.runtime.fleet.fleet_watch import FleetWatch
-    from waychair.runtime.fleet.peer_process import clock_ns, fleet_of
-    from waychair.runtime.fleet.zenoh_transport import ZenohListener
+    from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of
+    from waychair.runtime.fleet.network.zenoh_transport import ZenohListener
     from waychair.runtime.processes import signalled
 
     file = load_fleet(path)

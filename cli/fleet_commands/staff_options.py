@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from waychair.runtime.fleet.desk.staff_desk import StaffDesk
     from waychair.runtime.fleet.fleet_file import FleetFile
-    from waychair.runtime.fleet.peer_process import Beside
+    from waychair.runtime.fleet.network.peer_process import Beside
     from waychair.types import Json
     from waychair.ui.staff_page import StaffPage
 
@@ -59,8 +59,8 @@ def desk_beside(file: FleetFile, port: int, log: Path | None) -> Iterator[Beside
     """
     from waychair.runtime.fleet.desk.live_desk import LiveDesk
     from waychair.runtime.fleet.desk.staff_desk import StaffDesk
-    from waychair.runtime.fleet.peer_process import clock_ns, fleet_of
-    from waychair.runtime.fleet.zenoh_transport import ZenohTransport
+    from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of
+    from waychair.runtime.fleet.network.zenoh_transport import ZenohTransport
 
     found = staff_secrets(dict(os.environ))
     note = _logged(log)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from waychair.cli.options.recording_options import Stages
+    from waychair.cli.options.recording_options import StageProgress
     from waychair.offline.mapping import MappingSettings
 
 from waychair.cli.options.arguments import BadArgument
@@ -124,7 +124,7 @@ def _mapping_settings(
 
 
 def _map_scans(
-    recordings: tuple[Path, ...], out: Path, known: Path | None, settings: MappingSettings, progress: Stages
+    recordings: tuple[Path, ...], out: Path, known: Path | None, settings: MappingSettings, progress: StageProgress
 ) -> Json:
     """Make the map of a recording in `out`, or join it to the map in the folder `known`; return the map's report."""
     from waychair.offline.map_folders import refuse_drawn, refuse_other

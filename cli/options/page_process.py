@@ -17,7 +17,7 @@ from waychair.cli.options.arguments import BadArgument
 
 if TYPE_CHECKING:
     from waychair.ros.node_settings.page import PageNodeSettings
-    from waychair.runtime.chair_port import ChairPort
+    from waychair.runtime.pages.chair_port import ChairPort
 
 TOKEN = "WAYCHAIR_PAGE_TOKEN"
 """Environment variable with the page's token; files and arguments could be read by other users."""

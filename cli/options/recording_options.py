@@ -72,7 +72,7 @@ class RecordingOptions:
         return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
 
 
-class Stages:
+class StageProgress:
     """Progress of each stage with its remaining time, and warnings, on standard error; without bars nothing is shown."""
 
     def __init__(self, bar: Progress | None) -> None:
@@ -103,13 +103,13 @@ class Stages:
 
 
 @contextmanager
-def stages(quiet: bool) -> Iterator[Stages]:
+def stages(quiet: bool) -> Iterator[StageProgress]:
     """Show progress while the block runs; with `quiet` only errors."""
     from waychair.cli.options.progress import is_drawn, prepare_kernels
 
     prepare_kernels(quiet)
     if quiet:
-        yield Stages(None)
+        yield StageProgress(None)
         return
     from rich.console import Console
     from rich.progress import (
@@ -137,4 +137,4 @@ def stages(quiet: bool) -> Iterator[Stages]:
         transient=True,
         disable=not is_drawn(console),
     ) as bar:
-        yield Stages(bar)
+        yield StageProgress(bar)

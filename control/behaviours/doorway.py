@@ -52,7 +52,7 @@ class OdometryPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Doorway:
+class DoorwayJambs:
     """A doorway in base: its jambs [m], left and right as seen from the chair."""
 
     left_x: float
@@ -75,14 +75,14 @@ class Doorway:
         """Direction through the door, away from the chair's side [rad]."""
         return math.atan2(self.left_y - self.right_y, self.left_x - self.right_x) - math.pi / 2
 
-    def seen_from(self, new_from_old: Pose2) -> Doorway:
+    def seen_from(self, new_from_old: Pose2) -> DoorwayJambs:
         """Return the doorway in another frame."""
         left = new_from_old @ Pose2(self.left_x, self.left_y)
         right = new_from_old @ Pose2(self.right_x, self.right_y)
-        return Doorway(left.x, left.y, right.x, right.y)
+        return DoorwayJambs(left.x, left.y, right.x, right.y)
 
 
-class DoorState(enum.Enum):
+class CandidateVerdict(enum.Enum):
     """The verdict on a candidate: not yet ranged, a doorway, or none."""
 
     LOOKING = "looking"
@@ -94,14 +94,14 @@ class DoorState(enum.Enum):
 class DoorCheck:
     """The validation's output: its verdict, the doorway if valid, and the look it asks for."""
 
-    state: DoorState
-    door: Doorway | None = None
+    state: CandidateVerdict
+    door: DoorwayJambs | None = None
     request: LookRequest | None = None
 
     @property
     def valid(self) -> bool:
         """Whether a doorway was confirmed."""
-        return self.state is DoorState.VALID
+        return self.state is CandidateVerdict.VALID
 
 
 def detect_doorway(frames: FramesSeen, constants: DoorLimits) -> FrameCandidate | None:
@@ -121,16 +121,16 @@ def validate_door(candidate: FrameCandidate, depth: Depth | None, constants: Doo
     middle = candidate.right + (candidate.left - candidate.right) / 2
     request = LookRequest(wrap_angle(middle))
     if depth is None:
-        return DoorCheck(DoorState.LOOKING, request=request)
+        return DoorCheck(CandidateVerdict.LOOKING, request=request)
     left, right = (_jamb(depth, edge, constants) for edge in (candidate.left, candidate.right))
     inside = (depth.bearings < candidate.left - constants.jamb) & (depth.bearings > candidate.right + constants.jamb)
     if left is None or right is None or not inside.any():
-        return DoorCheck(DoorState.LOOKING, request=request)
-    door = Doorway(*left, *right)
+        return DoorCheck(CandidateVerdict.LOOKING, request=request)
+    door = DoorwayJambs(*left, *right)
     behind = float(np.median(depth.metres[inside])) - math.hypot(*door.middle)
     if constants.narrowest <= door.width <= constants.widest and behind >= constants.deeper:
-        return DoorCheck(DoorState.VALID, door, request)
-    return DoorCheck(DoorState.REFUTED, request=request)
+        return DoorCheck(CandidateVerdict.VALID, door, request)
+    return DoorCheck(CandidateVerdict.REFUTED, request=request)
 
 
 def _jamb(depth: Depth, edge: float, limits: DoorLimits) -> tuple[float, float] | None:
@@ -146,7 +146,7 @@ def _jamb(depth: Depth, edge: float, limits: DoorLimits) -> tuple[float, float] 
 class TrackerMemory:
     """Dynamic data of the Object tracker: the doorway in odom, its stamp, and how often it was refuted in a row."""
 
-    door: Doorway | None = None
+    door: DoorwayJambs | None = None
     stamp_ns: int = 0
     refuted: int = 0
 
@@ -155,7 +155,7 @@ class TrackerMemory:
 class TrackedDoor:
     """The Object tracker's output: the doorway in base, its age [s], and the look that keeps the camera on it."""
 
-    door: Doorway
+    door: DoorwayJambs
     age_s: float
     request: LookRequest
 
@@ -185,7 +185,7 @@ def track_door(
     memory = dynamic
     if check is not None and check.door is not None:
         memory = TrackerMemory(check.door.seen_from(odom_from_base), now_ns)
-    elif check is not None and check.state is DoorState.REFUTED:
+    elif check is not None and check.state is CandidateVerdict.REFUTED:
         memory = replace(memory, refuted=memory.refuted + 1)
     age_s = (now_ns - memory.stamp_ns) * 1e-9
     lost = age_s > limits.held or memory.refuted >= _REFUTED or (odometry is None and age_s > 0.0)
@@ -196,7 +196,7 @@ def track_door(
     return TrackedDoor(door, age_s, LookRequest(math.atan2(y, x))), memory
 
 
-class Phase(enum.Enum):
+class ZonePhase(enum.Enum):
     """The parts of a pivotal-zone path."""
 
     APPROACH = "approach"
@@ -208,7 +208,7 @@ class Phase(enum.Enum):
 class PathMemory:
     """Dynamic data of the Path planner."""
 
-    phase: Phase = Phase.APPROACH
+    phase: ZonePhase = ZonePhase.APPROACH
 
 
 def plan_path(
@@ -230,16 +230,16 @@ def plan_path(
     pivot_x, pivot_y = x - back * math.cos(heading), y - back * math.sin(heading)
     aside = abs(x * math.sin(heading) - y * math.cos(heading))
     in_zone = math.hypot(pivot_x, pivot_y) <= limits.zone or (along < back and aside <= limits.zone / 2)
-    if phase is Phase.APPROACH and in_zone:
-        phase = Phase.SWIVEL
-    if phase is Phase.SWIVEL and not in_zone:
-        phase = Phase.APPROACH
-    if phase is Phase.SWIVEL and abs(heading) <= limits.straight:
-        phase = Phase.FORWARD
-    if phase is Phase.FORWARD and abs(heading) > limits.askew:
-        phase = Phase.SWIVEL if in_zone else Phase.APPROACH
-    if phase is Phase.APPROACH:
+    if phase is ZonePhase.APPROACH and in_zone:
+        phase = ZonePhase.SWIVEL
+    if phase is ZonePhase.SWIVEL and not in_zone:
+        phase = ZonePhase.APPROACH
+    if phase is ZonePhase.SWIVEL and abs(heading) <= limits.straight:
+        phase = ZonePhase.FORWARD
+    if phase is ZonePhase.FORWARD and abs(heading) > limits.askew:
+        phase = ZonePhase.SWIVEL if in_zone else ZonePhase.APPROACH
+    if phase is ZonePhase.APPROACH:
         return DoorCommand(Move.GO, math.atan2(pivot_y, pivot_x)), PathMemory(phase)
-    if phase is Phase.SWIVEL:
+    if phase is ZonePhase.SWIVEL:
         return DoorCommand(Move.SWIVEL, heading), PathMemory(phase)
     return DoorCommand(Move.GO, 0.0), PathMemory(phase)

@@ -21,7 +21,7 @@ from waychair.geometry import transform_points, wrap_angle
 from waychair.maps.depth.depth_scan import DepthScan
 from waychair.planning.seen.door_leaf import Leaf, find_leaf
 from waychair.planning.seen.doorway_gaps import FARTHEST, Gap, beams_at_gap, find_gaps, measure_gap
-from waychair.planning.seen.doorways import NARROWEST, NO_EVIDENCE, DoorState, Doorway, Evidence, judge
+from waychair.planning.seen.doorways import NARROWEST, NO_EVIDENCE, DoorState, Doorway, GapEvidence, judge
 from waychair.planning.seen.range_views import RangeView, view_from_depth, view_from_points, view_from_scan
 from waychair.planning.seen.swing_space import CELL, NO_SPACE, free_width, looked_at
 from waychair.planning.seen.wall_lines import straight_stretches
@@ -100,7 +100,7 @@ class _Track:
     number: int | None = None
     error: float = math.inf
     strength: int = 0
-    evidence: Evidence = NO_EVIDENCE
+    evidence: GapEvidence = NO_EVIDENCE
     plausible: bool = False
     validated: bool = False
     offered: bool = False

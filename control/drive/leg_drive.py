@@ -35,7 +35,7 @@ passes them at the second speed, from the third distance on."""
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class LegInput:
     """The input of a leg's drive in one tick, in odom: pose, last command, and obstacles.
 
     `seen` (N, 2) [m] are the points of this tick's scan, None without one. `unscanned` (M, 2) [m] are points that other
@@ -85,7 +85,7 @@ class LegDrive:
             return None
         return _way_left(self.leg.path.poses, pose) if self._follower is None else self._follower.remaining(pose)
 
-    def step(self, view: View, limits: DwaSettings) -> DwaResult:
+    def step(self, view: LegInput, limits: DwaSettings) -> DwaResult:
         """Return the next command; `arrived` when the leg is done and the chair stands."""
         if view.seen is not None:
             self._points = view.seen
@@ -97,7 +97,7 @@ class LegDrive:
             return replace(choice, twist=braking(view.command, limits))
         return choice
 
-    def _by_window(self, view: View, limits: DwaSettings) -> DwaResult:
+    def _by_window(self, view: LegInput, limits: DwaSettings) -> DwaResult:
         """Return the dynamic window's choice along a leg without room for a line."""
         return choose(
             pose=view.pose,
@@ -112,7 +112,7 @@ class LegDrive:
             fastest=self._fastest(view, limits),
         )
 
-    def _along_line(self, follower: WayFollower, view: View, limits: DwaSettings) -> DwaResult:
+    def _along_line(self, follower: WayFollower, view: LegInput, limits: DwaSettings) -> DwaResult:
         seen, opening = [], None
         for door, watch in self._watches:
             watch.believe(view.odom_from_map @ door.map_from_door)
@@ -157,7 +157,7 @@ class LegDrive:
             fastest=min(fastest, follower.top_speed(limits)),
         )
 
-    def _fastest(self, view: View, limits: DwaSettings) -> float:
+    def _fastest(self, view: LegInput, limits: DwaSettings) -> float:
         """Return the speed limit [m/s] that falls in time to that of openings ahead, where glass may be."""
         if not view.has_sonars:
             return view.fastest
@@ -177,7 +177,7 @@ class LegDrive:
         front = left - self._body.front
         return [front - each - OPENING_SLOW_M for each in self._openings.tolist() if front > each]
 
-    def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
+    def _near_field(self, view: LegInput, opening: tuple[Pose2, float] | None) -> DistanceField:
         """Return distances to obstacles near the chair on fine cells, in odom, made anew with every scan.
 
         The map's walls and all points that the map does not explain count.

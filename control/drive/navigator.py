@@ -16,7 +16,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.granted_way import GrantedWay
-from waychair.control.drive.leg_drive import LegDrive, View
+from waychair.control.drive.leg_drive import LegDrive, LegInput
 from waychair.control.drive.local_obstacles import Surroundings, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
 from waychair.control.drive.navigator_settings import NavigatorSettings
@@ -224,7 +224,7 @@ class Navigator:
         odom_from_map: Pose2,
         beyond: FloatArray | None,
         seen_ns: int,
-    ) -> View:
+    ) -> LegInput:
         """Take in a tick's pose and scan; return them, and all that is remembered, in odom."""
         now = self._now
         now.pose, now.map_from_odom = pose, odom_from_map.inverse()
@@ -246,7 +246,7 @@ class Navigator:
             )
         if self.active and self._stage is not Stage.PAUSED:
             self._planning.note_pose(now_ns, pose, odom_from_map)
-        return View(
+        return LegInput(
             pose=odom_from_map @ pose,
             command=now.command,
             local=lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
@@ -305,7 +305,7 @@ class Navigator:
             self.recovery.leave_out_planning(self._now.since_ns)
         return None
 
-    def _back_out(self, now_ns: int, view: View, behind: bool) -> DwaResult | None:
+    def _back_out(self, now_ns: int, view: LegInput, behind: bool) -> DwaResult | None:
         """Return a command out along the chair's trail, once following the path has been impossible for a while."""
         tries, backed = self.recovery.tries, self.recovery.backing
         backing = self.recovery.step(
@@ -332,7 +332,7 @@ class Navigator:
             self._plan.ask_anew()
         return None
 
-    def _follow(self, view: View, behind: bool) -> DwaResult:
+    def _follow(self, view: LegInput, behind: bool) -> DwaResult:
         """Return the next command on the present leg, or on the next one where the chair has stopped and turned."""
         choice = self._on_leg(view, behind)
         if choice.arrived and len(self._plan.legs) > 1:
@@ -340,7 +340,7 @@ class Navigator:
             choice = self._on_leg(view, behind)
         return replace(choice, arrived=choice.arrived and len(self._plan.legs) == 1)
 
-    def _on_leg(self, view: View, behind: bool) -> DwaResult:
+    def _on_leg(self, view: LegInput, behind: bool) -> DwaResult:
         """Return the next command on the present leg."""
         self._plan.leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         return self._plan.leg.step(view, self._limits_on(self._plan.leg.leg, behind))

@@ -91,7 +91,7 @@ class GearChanges:
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class OfferedWay:
     """Another way round a doorway that is shut or taken: the sentence for the rider, and where [m] in map the doorway is.
 
     The chair waits there for `wait_s` [s] from `since_ns` on, or until somebody has `taken` the offer.
@@ -113,8 +113,8 @@ class OtherWay:
     """The longer way: stamp [ns] and sentence once the chair has `taken` it, the present `offer`, and the `latest` of a drive."""
 
     taken: tuple[int, str] = (0, "")
-    offer: Offer | None = None
-    latest: Offer | None = None
+    offer: OfferedWay | None = None
+    latest: OfferedWay | None = None
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from waychair.control.drive.navigator_state import (
     LOOK_AHEAD,
     PATH_HYSTERESIS_S,
     MotionState,
-    Offer,
+    OfferedWay,
     PlanState,
 )
 from waychair.errors import GoalOccupied, NotConverged, PlanningError, WaychairError
@@ -240,7 +240,7 @@ class PathMaker:
                 f"{what}: the chair waits for it up to {wait_s:.0f} s, then takes another way, {cost}; "
                 "'Go on' takes that way at once"
             )
-            offer = Offer(text, at, now_ns, wait_s)
+            offer = OfferedWay(text, at, now_ns, wait_s)
         if at is None or offer is None or offer.is_over(now_ns):
             plan.other.taken = now_ns, f"{what}: the chair takes another way, {cost}"
             return False

@@ -19,9 +19,9 @@ from waychair.control.guidance.practice import (
     HESITATES_S,
     NO_PROMPT,
     STEERS,
-    Decision,
     DecisionMade,
     Practice,
+    RiderDecision,
     practised,
 )
 from waychair.control.guidance.telling import (
@@ -39,11 +39,11 @@ from waychair.control.guidance.telling import (
     turned_from,
     turning,
 )
-from waychair.control.guidance.way_matching import Track, matched
+from waychair.control.guidance.way_matching import PlaceOnWay, matched
 from waychair.errors import BuildingError, NoPath
 from waychair.geometry import wrap_angle
 from waychair.maps.building.hgraph import NodeRef
-from waychair.planning.building.guided_ways import GuidedWays, Part, Plan
+from waychair.planning.building.guided_ways import GuidedWays, Plan, StoreyPart
 from waychair.planning.movements import TURNS, Movement, MovementKind
 from waychair.types import Pose2
 
@@ -62,7 +62,7 @@ AT_END_M, NOT_SURE_M = 0.1, 1.0
 """m; a chair this near to the end of its way may be on the next one, which it has surely taken after so much of it."""
 
 
-class Trouble(enum.StrEnum):
+class GuidanceTrouble(enum.StrEnum):
     """Why no movement is told."""
 
     NONE = ""
@@ -105,7 +105,7 @@ class Guiding:
     arrived: bool = False
     at_stops: tuple[str, ...] = ()
     offers: bool = False
-    trouble: Trouble = Trouble.NONE
+    trouble: GuidanceTrouble = GuidanceTrouble.NONE
     why: str = ""
 
 
@@ -136,7 +136,7 @@ class Guidance:
     plans: int = 0
     told: int = 0
     passed: int = 0
-    track: Track | None = None
+    track: PlaceOnWay | None = None
     turning: MovementKind | None = None
     speech: Speech = field(default_factory=Speech)
     rest: Rest = field(default_factory=Rest)
@@ -161,15 +161,15 @@ def step(state: Guidance, view: GuidanceView, ways: GuidedWays) -> tuple[Guidanc
     """Return the state after this view, and what is shown and said."""
     pose = view.pose
     if pose is None or not all(math.isfinite(each) for each in (pose.x, pose.y, pose.theta)):
-        return state, Guiding(trouble=Trouble.NO_POSE, arrived=state.arrived)
+        return state, Guiding(trouble=GuidanceTrouble.NO_POSE, arrived=state.arrived)
     state = _rested(state, view)
     try:
         lift = ways.cabin_of(view.storey, pose, -INSIDE_M if not state.lift else INSIDE_M)
         return _in_lift(state, view, ways, lift) if lift else _on_storey(state, view, pose, ways)
     except NoPath as error:
-        return replace(state, plan=None, track=None), Guiding(trouble=Trouble.NO_WAY, why=str(error))
+        return replace(state, plan=None, track=None), Guiding(trouble=GuidanceTrouble.NO_WAY, why=str(error))
     except BuildingError as error:
-        return replace(state, plan=None, track=None), Guiding(trouble=Trouble.NO_GRAPH, why=str(error))
+        return replace(state, plan=None, track=None), Guiding(trouble=GuidanceTrouble.NO_GRAPH, why=str(error))
 
 
 def _rested(state: Guidance, view: GuidanceView) -> Guidance:
@@ -199,7 +199,7 @@ def _on_storey(state: Guidance, view: GuidanceView, pose: Pose2, ways: GuidedWay
     return _told(state, view, pose, ways, decided)
 
 
-def _planned(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Guidance:
+def _planned(state: Guidance, pose: Pose2, ways: GuidedWays, track: PlaceOnWay) -> Guidance:
     """Return the state with the cheaper plan from where the chair is: on along its way, or back."""
     (onwards, back), (behind, ahead) = _costs(state, pose, ways, track), track.edge
     if back < onwards:
@@ -208,7 +208,7 @@ def _planned(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Gu
     return replace(state, plan=plan, plans=state.plans + 1, told=0, passed=0, turning=None, arrived=False)
 
 
-def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> tuple[float, float]:
+def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: PlaceOnWay) -> tuple[float, float]:
     """Return the costs to the goal [m of straight driving] on along the chair's way, and back.
 
     A plan that comes back along this way has to turn round at its end, so that turning here is always cheaper.
@@ -225,7 +225,7 @@ def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> tupl
     return costs[0], costs[1]
 
 
-def _reconsidered(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Guidance:
+def _reconsidered(state: Guidance, pose: Pose2, ways: GuidedWays, track: PlaceOnWay) -> Guidance:
     """Return the state with the plan on along the way of a rider who does not turn back, once that costs less."""
     assert state.plan is not None
     part = state.plan.parts[0]
@@ -237,27 +237,29 @@ def _reconsidered(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) 
 
 
 def _moved_on(
-    state: Guidance, view: GuidanceView, pose: Pose2, ways: GuidedWays, before: Track, track: Track
+    state: Guidance, view: GuidanceView, pose: Pose2, ways: GuidedWays, before: PlaceOnWay, track: PlaceOnWay
 ) -> tuple[Guidance, DecisionMade | None]:
     """Return the state after the chair has come to another way, or turned back, and the decision that this was."""
     assert state.plan is not None
     known, part, (place, towards) = ways.storey(view.storey), state.plan.parts[0], track.edge
     back = (towards, place) == before.edge or _index(part, towards, place) is not None
-    decision = Decision.TURNED_BACK if back else Decision.OTHER
+    decision = RiderDecision.TURNED_BACK if back else RiderDecision.OTHER
     index = _index(part, place, towards, state.passed)
     if index is not None:
-        decision, state = Decision.FOLLOWED, replace(state, passed=index)
+        decision, state = RiderDecision.FOLLOWED, replace(state, passed=index)
     junction, made = known.junctions[place], None
     told = [each.movement.kind for each in part.told if each.junction == place]
-    if not view.computer_drives and (len(junction.ways) > 2 or told or decision is not Decision.FOLLOWED):
+    if not view.computer_drives and (len(junction.ways) > 2 or told or decision is not RiderDecision.FOLLOWED):
         proposed = next((kind for kind in told if kind in AT_ONCE), MovementKind.STRAIGHT)
         state, made = _made(state, junction.name, proposed, decision)
-    if decision is not Decision.FOLLOWED:
+    if decision is not RiderDecision.FOLLOWED:
         state = _planned(state, pose, ways, track)
     return state, made
 
 
-def _made(state: Guidance, place: str, proposed: MovementKind, decision: Decision) -> tuple[Guidance, DecisionMade]:
+def _made(
+    state: Guidance, place: str, proposed: MovementKind, decision: RiderDecision
+) -> tuple[Guidance, DecisionMade]:
     """Return the state after a decision of the rider at a place, with the practice there, and the decision."""
     made = DecisionMade(place, proposed, decision, state.rest.longest_s, state.speech.prompts)
     after = practised(state.practice_at(place), made)
@@ -269,7 +271,7 @@ def _made(state: Guidance, place: str, proposed: MovementKind, decision: Decisio
     ), made
 
 
-def _index(part: Part, one: int, other: int, first: int = 0) -> int | None:
+def _index(part: StoreyPart, one: int, other: int, first: int = 0) -> int | None:
     """Return where a part goes from one junction to another, from its way number `first` on; None where it does not."""
     passed = part.junctions
     return next((k for k in range(first, len(passed) - 1) if passed[k] == one and passed[k + 1] == other), None)
@@ -284,7 +286,7 @@ def _in_lift(state: Guidance, view: GuidanceView, ways: GuidedWays, lift: str) -
             proposed = MovementKind.PRESS if state.lift == lift else MovementKind.INTO_LIFT
             is_right = part.to == view.storey if state.lift == lift else part.lift == lift
             state = replace(state, rest=Rest())  # riders wait at lifts, and do not hesitate
-            state, made = _made(state, title, proposed, Decision.FOLLOWED if is_right else Decision.OTHER)
+            state, made = _made(state, title, proposed, RiderDecision.FOLLOWED if is_right else RiderDecision.OTHER)
         plan = ways.plan_in_lift(lift, view.storey, state.goal)
         state = replace(
             state, storey=view.storey, lift=lift, plan=plan, plans=state.plans + 1, told=0, passed=0, track=None
@@ -296,7 +298,7 @@ def _in_lift(state: Guidance, view: GuidanceView, ways: GuidedWays, lift: str) -
         movement = Movement(MovementKind.PRESS, lift=part.title, storey=part.to_title)
     if view.computer_drives:
         return replace(state, speech=Speech()), Guiding()
-    astray = made is not None and made.decision is Decision.OTHER
+    astray = made is not None and made.decision is RiderDecision.OTHER
     level = _level(state, title, astray=astray, rests_s=0.0)
     occasion = Occasion(state.plans, 0, movement, level, rests_s=_rests_s(state, view))
     speech, cue = spoken(state.speech, occasion, view.now_ns)
@@ -318,7 +320,7 @@ def _told(
         arrived = Movement(MovementKind.ARRIVED, landmark=state.plan.name.rpartition("/")[2])
         if not state.arrived and decided is None:
             goal = known.junctions[part.junctions[-1]].name
-            state, decided = _made(state, goal, MovementKind.ARRIVED, Decision.FOLLOWED)
+            state, decided = _made(state, goal, MovementKind.ARRIVED, RiderDecision.FOLLOWED)
         return replace(state, arrived=True), Guiding(arrived, cue=cue, decided=decided, arrived=True)
     at = _along(part, track, state.passed, pose)
     index = present(part, state.told, at, pose)
@@ -343,7 +345,7 @@ def _told(
         movement, following = Movement(turn, angle=bearing), movement
     elif movement.kind in TURNS and movement.end is not None:
         bearing = wrap_angle(movement.end.theta - pose.theta)  # what is left of the turn
-    astray = decided is not None and decided.decision is not Decision.FOLLOWED
+    astray = decided is not None and decided.decision is not RiderDecision.FOLLOWED
     rests_s = _rests_s(state, view)
     level = _level(state, place, astray=astray, rests_s=rests_s)
     if rests_s > HESITATES_S and decided is None and place and movement.kind not in TAKES_TIME:
@@ -367,7 +369,7 @@ def _hesitated(
     """Return the state with a hesitation noted, once a rest, and the decision that it is."""
     if state.rest.noted:
         return state, None
-    made = DecisionMade(place, proposed, Decision.HESITATED, rests_s, state.speech.prompts)
+    made = DecisionMade(place, proposed, RiderDecision.HESITATED, rests_s, state.speech.prompts)
     practice = MappingProxyType({**state.practice, place: practised(state.practice_at(place), made)})
     return replace(state, practice=practice, rest=replace(state.rest, noted=True)), made
 
@@ -376,7 +378,7 @@ def _rests_s(state: Guidance, view: GuidanceView) -> float:
     return 0.0 if state.rest.since_ns is None else (view.now_ns - state.rest.since_ns) * 1e-9
 
 
-def _along(part: Part, track: Track, passed: int, pose: Pose2) -> float:
+def _along(part: StoreyPart, track: PlaceOnWay, passed: int, pose: Pose2) -> float:
     """Return how far along a part a chair is [m].
 
     At the end of its way it is on the proposed one already, which it has not surely taken: so turns that follow each other

@@ -23,7 +23,7 @@ HESITATES_S = 4.0
 """s; a rider who rests so long before the goal hesitates, and is told again."""
 
 
-class Decision(enum.StrEnum):
+class RiderDecision(enum.StrEnum):
     """What a rider did at a place."""
 
     FOLLOWED = "followed"
@@ -46,16 +46,16 @@ class DecisionMade:
 
     place: str
     proposed: MovementKind
-    decision: Decision
+    decision: RiderDecision
     hesitation_s: float
     prompts: int
 
 
 def practised(known: Practice, made: DecisionMade) -> Practice:
     """Return the practice at a place after a decision there."""
-    if made.decision in (Decision.OTHER, Decision.TURNED_BACK):
+    if made.decision in (RiderDecision.OTHER, RiderDecision.TURNED_BACK):
         return Practice(min(known.level + 1, BEFORE))
-    if made.decision is Decision.HESITATED or made.hesitation_s > HESITATES_S:
+    if made.decision is RiderDecision.HESITATED or made.hesitation_s > HESITATES_S:
         return Practice(known.level)
     if known.right + 1 >= RIGHT_IN_A_ROW:
         return Practice(max(known.level - 1, NO_PROMPT))

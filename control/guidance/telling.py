@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.control.guidance.practice import AT_DECISIONS, BEFORE, HESITATES_S
 from waychair.geometry import wrap_angle
-from waychair.planning.building.guided_ways import Part
+from waychair.planning.building.guided_ways import StoreyPart
 from waychair.planning.movements import TURNS, Movement, MovementKind
 from waychair.types import Pose2
 
@@ -131,7 +131,7 @@ def _alike(one: Movement, other: Movement) -> bool:
     return replace(one, angle=0.0, start=None, end=None) == replace(other, angle=0.0, start=None, end=None)
 
 
-def present(part: Part, first: int, at: float, pose: Pose2) -> int:
+def present(part: StoreyPart, first: int, at: float, pose: Pose2) -> int:
     """Return the index of the first movement from `first` on that is not over, for a chair `at` [m] along a part."""
     index = first
     while index < len(part.told) and _is_over(part, index, at, pose):
@@ -139,7 +139,7 @@ def present(part: Part, first: int, at: float, pose: Pose2) -> int:
     return index
 
 
-def _is_over(part: Part, index: int, at: float, pose: Pose2) -> bool:
+def _is_over(part: StoreyPart, index: int, at: float, pose: Pose2) -> bool:
     each = part.told[index]
     kind = each.movement.kind
     if kind is MovementKind.ARRIVED:
@@ -168,7 +168,7 @@ def _side(angle: float) -> MovementKind:
     return MovementKind.LEFT if angle > 0.0 else MovementKind.RIGHT
 
 
-def turning(part: Part, index: int, at: float, pose: Pose2, before: MovementKind | None) -> MovementKind | None:
+def turning(part: StoreyPart, index: int, at: float, pose: Pose2, before: MovementKind | None) -> MovementKind | None:
     """Return the turn that a chair needs first which faces away from its way; None if it does not."""
     bearing = bearing_to(part, at, pose)
     if index < len(part.told):
@@ -181,7 +181,7 @@ def turning(part: Part, index: int, at: float, pose: Pose2, before: MovementKind
     return MovementKind.TURN_ROUND if before is MovementKind.TURN_ROUND else _side(bearing)
 
 
-def bearing_to(part: Part, at: float, pose: Pose2) -> float:
+def bearing_to(part: StoreyPart, at: float, pose: Pose2) -> float:
     """Return the direction [rad] of the way ahead from the chair's heading; 0 at its end."""
     if len(part.along) < 2:
         return 0.0
@@ -194,14 +194,14 @@ def bearing_to(part: Part, at: float, pose: Pose2) -> float:
     return wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.theta)
 
 
-def nearest_along(part: Part, begins: float, ends: float, pose: Pose2) -> float:
+def nearest_along(part: StoreyPart, begins: float, ends: float, pose: Pose2) -> float:
     """Return how far along a part [m] its point between two others is that is nearest to the chair."""
     along = np.linspace(begins, min(ends, float(part.along[-1])), 21)
     x, y = (np.interp(along, part.along, part.points[:, axis]) for axis in (0, 1))
     return float(along[np.hypot(x - pose.x, y - pose.y).argmin()])
 
 
-def reached(part: Part, pose: Pose2) -> bool:
+def reached(part: StoreyPart, pose: Pose2) -> bool:
     """Return whether the chair is at the end of a part."""
     x, y = part.points[-1]
     return math.hypot(x - pose.x, y - pose.y) < ARRIVED_M

@@ -51,7 +51,7 @@ OFF_M, OFF_S = 1.6, 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class PlaceOnWay:
     """A chair on a way: from the junction behind it to that ahead, and how far from the former [m].
 
     `farthest` [m]: the farthest so far, None for a new way. `course` [rad]: the direction of motion since `anchor`.
@@ -69,13 +69,13 @@ class Track:
 
 
 def matched(
-    track: Track | None,
+    track: PlaceOnWay | None,
     known: StoreyWays,
     pose: Pose2,
     now_ns: int,
     in_sight: Callable[[FloatArray, FloatArray], bool] = lambda one, other: True,
     proposed: Collection[tuple[int, int]] = (),
-) -> Track:
+) -> PlaceOnWay:
     """Return the way on which a chair is now; `track` None: the nearest one in sight. `proposed` are the plan's ways."""
     if track is None:
         return _nearest(known, pose, in_sight)
@@ -108,7 +108,7 @@ def matched(
     return _went_on(replace(track, pending=None), own[2], length)
 
 
-def _went_on(track: Track, along: float, length: float = 0.0) -> Track:
+def _went_on(track: PlaceOnWay, along: float, length: float = 0.0) -> PlaceOnWay:
     """Return the track with the chair farther along its way; on its way back if `length` [m] of the way is given."""
     farthest = max(along, track.farthest if track.farthest is not None else along)
     if length and along < farthest - BACK_M:
@@ -117,22 +117,22 @@ def _went_on(track: Track, along: float, length: float = 0.0) -> Track:
     return replace(track, along=along, farthest=farthest)
 
 
-def _with_course(track: Track, pose: Pose2) -> Track:
+def _with_course(track: PlaceOnWay, pose: Pose2) -> PlaceOnWay:
     dx, dy = pose.x - track.anchor[0], pose.y - track.anchor[1]
     if math.hypot(dx, dy) < COURSE_M:
         return track
     return replace(track, anchor=(pose.x, pose.y), course=math.atan2(dy, dx))
 
 
-def _course(track: Track, pose: Pose2) -> float:
+def _course(track: PlaceOnWay, pose: Pose2) -> float:
     return pose.theta if track.course is None else track.course
 
 
-def _nearest(known: StoreyWays, pose: Pose2, in_sight: Callable[[FloatArray, FloatArray], bool]) -> Track:
+def _nearest(known: StoreyWays, pose: Pose2, in_sight: Callable[[FloatArray, FloatArray], bool]) -> PlaceOnWay:
     """Return the nearest way in sight; the nearest one if none is."""
     at = np.array([pose.x, pose.y])
     if not len(known.ways):
-        return Track((0, 0), 0.0, (pose.x, pose.y))
+        return PlaceOnWay((0, 0), 0.0, (pose.x, pose.y))
     starts, ends = known.points[known.ways[:, 0]], known.points[known.ways[:, 1]]
     line = ends - starts
     square = np.maximum((line**2).sum(axis=1), 1e-12)
@@ -145,7 +145,7 @@ def _nearest(known: StoreyWays, pose: Pose2, in_sight: Callable[[FloatArray, Flo
     along, length = float(share[chosen] * np.sqrt(square[chosen])), float(np.sqrt(square[chosen]))
     if math.cos(_heading(known, (one, other)) - pose.theta) < 0.0:
         one, other, along = other, one, length - along
-    return Track((one, other), along, (pose.x, pose.y))
+    return PlaceOnWay((one, other), along, (pose.x, pose.y))
 
 
 def _joined(known: StoreyWays, edge: tuple[int, int]) -> Iterator[tuple[int, int]]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from waychair.control.haptics.patterns import Vocabulary
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 
 REPEAT_NS = 3_000_000_000
@@ -75,7 +75,7 @@ NOTHING = Advised()
 
 def advise(
     wanted: Sequence[Advice],
-    words: Vocabulary,
+    words: TouchVocabulary,
     memory: AdviceMemory,
     now_ns: int,
     *,
@@ -126,7 +126,7 @@ def _after_reaction(memory: AdviceMemory, top: Advice | None, reacted: bool | No
 
 
 def _warn(
-    top: Advice, words: Vocabulary, memory: AdviceMemory, now_ns: int, asked: bool
+    top: Advice, words: TouchVocabulary, memory: AdviceMemory, now_ns: int, asked: bool
 ) -> tuple[Advised, AdviceMemory]:
     said = memory.said
     same = said is not None and said.advice.symbol is Symbol.WARNING
@@ -159,7 +159,7 @@ def _is_due(top: Advice, memory: AdviceMemory, now_ns: int) -> bool:
 
 
 def _say(
-    top: Advice, words: Vocabulary, memory: AdviceMemory, now_ns: int, counted: bool
+    top: Advice, words: TouchVocabulary, memory: AdviceMemory, now_ns: int, counted: bool
 ) -> tuple[Advised, AdviceMemory]:
     pattern = words.pattern(top)
     ends_ns = now_ns + pattern.duration_ms * MILLISECOND_NS

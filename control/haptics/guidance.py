@@ -10,7 +10,7 @@ from waychair.planning.steps.step import Step
 from waychair.types import Pose2, Twist
 
 
-class Phase(enum.Enum):
+class LeadingPhase(enum.Enum):
     """What the driver is doing: turning to a heading, driving along a leg, backing, or nothing more."""
 
     TURN = "turn"
@@ -46,7 +46,7 @@ class GuideState:
     """
 
     step: int = -1
-    phase: Phase = Phase.GO
+    phase: LeadingPhase = LeadingPhase.GO
     heading: float = 0.0
     back_until: float = 0.0
     number: int = 0
@@ -97,7 +97,7 @@ class GuideInputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Guidance:
+class GuideWord:
     """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
 
     `cap`: share of the swing to which the stick ahead is best held; less near a door, least before a tight one. `astray`: new steps are wanted. `offers_repeat`: the rider

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import Aim, Guidance, GuideInputs, GuideState, Nudge, Phase
+from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
     AIM_PART,
@@ -76,7 +76,7 @@ from waychair.types import Pose2
 
 
 @dataclass(frozen=True, slots=True)
-class Guide:
+class GuideConstants:
     """The constants of guidance: the chair, the rider, and the durations of the patterns [s]."""
 
     body: ChairBody
@@ -87,7 +87,7 @@ class Guide:
         """Return the time [s] from sending a symbol until the chair obeys."""
         return self.durations.get(symbol, 0.45) + self.rider.lag_s
 
-    def step(self, plan: StepPlan, state: GuideState, now: GuideInputs) -> tuple[Guidance, GuideState]:
+    def step(self, plan: StepPlan, state: GuideState, now: GuideInputs) -> tuple[GuideWord, GuideState]:
         """Return the guidance of a tick and the next memory."""
         state = replace(state, nudges=tuple(each for each in state.nudges if each.done_ns > now.now_ns))
         if state.step < 0:
@@ -99,32 +99,32 @@ class Guide:
         step = plan.steps[index]
         fresh = replace(state, step=index, tries=0, shuffles=0, still_ns=None, aim=None)
         if step.kind is StepKind.PIVOT:
-            return replace(fresh, phase=Phase.TURN, heading=step.end.theta)
+            return replace(fresh, phase=LeadingPhase.TURN, heading=step.end.theta)
         if step.kind is StepKind.BACK:
-            return replace(fresh, phase=Phase.BACK, back_until=-step.length)
+            return replace(fresh, phase=LeadingPhase.BACK, back_until=-step.length)
         if step.kind is StepKind.ARRIVED:
-            return replace(fresh, phase=Phase.DONE)
-        return replace(fresh, phase=Phase.GO)
+            return replace(fresh, phase=LeadingPhase.DONE)
+        return replace(fresh, phase=LeadingPhase.GO)
 
 
 class _Tick:
     """One tick of the guide."""
 
-    def __init__(self, guide: Guide, plan: StepPlan, now: GuideInputs) -> None:
+    def __init__(self, guide: GuideConstants, plan: StepPlan, now: GuideInputs) -> None:
         self.guide, self.plan, self.now = guide, plan, now
         self._may_turn = True  # at most one change from turning to driving and back in a tick
 
-    def run(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def run(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Return guidance and memory."""
         guidance, after = self._phase(state)
         return replace(guidance, cap=self._cap(after)), after
 
-    def _phase(self, state: GuideState) -> tuple[Guidance, GuideState]:
-        if state.phase is Phase.DONE:
+    def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
+        if state.phase is LeadingPhase.DONE:
             return self._done(state)
-        if state.phase is Phase.TURN:
+        if state.phase is LeadingPhase.TURN:
             return self._turn(state)
-        if state.phase is Phase.BACK:
+        if state.phase is LeadingPhase.BACK:
             return self._back(state)
         return self._go(state)
 
@@ -148,21 +148,21 @@ class _Tick:
         lasts = 0.0 if state.said is None else self.guide.durations.get(state.said, 0.45) + GAP_S
         return self.now.now_ns >= state.said_ns + round(lasts * 1e9)
 
-    def _say(self, symbol: Symbol, reason: str, state: GuideState, **flags: bool) -> tuple[Guidance, GuideState]:
+    def _say(self, symbol: Symbol, reason: str, state: GuideState, **flags: bool) -> tuple[GuideWord, GuideState]:
         """Say a symbol now if the channel is free."""
         step = self.plan.steps[state.step]
         if not self._free(state):
-            return Guidance(None, step, reason, **flags), state
+            return GuideWord(None, step, reason, **flags), state
         number, now_ns = state.number + 1, self.now.now_ns
         after = replace(state, number=number, said=symbol, said_ns=now_ns)
         if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
             turn = self.guide.rider.nudge if symbol is Symbol.NUDGE_LEFT else -self.guide.rider.nudge
             done_ns = now_ns + round((self.guide.lead(symbol) + NUDGED_S) * 1e9)
             after = replace(after, nudges=(*after.nudges, Nudge(turn, done_ns)))
-        return Guidance(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, **flags), after
+        return GuideWord(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, **flags), after
 
-    def _quiet(self, reason: str, state: GuideState, **flags: bool) -> tuple[Guidance, GuideState]:
-        return Guidance(None, self.plan.steps[state.step], reason, **flags), state
+    def _quiet(self, reason: str, state: GuideState, **flags: bool) -> tuple[GuideWord, GuideState]:
+        return GuideWord(None, self.plan.steps[state.step], reason, **flags), state
 
     def _since_obeyed(self, state: GuideState) -> float:
         """Return the time [s] since the last symbol should have been obeyed; negative before."""
@@ -170,7 +170,7 @@ class _Tick:
             return math.inf
         return (self.now.now_ns - state.said_ns) * 1e-9 - self.guide.lead(state.said)
 
-    def _ask_again(self, symbol: Symbol, reason: str, state: GuideState, **flags: bool) -> tuple[Guidance, GuideState]:
+    def _ask_again(self, symbol: Symbol, reason: str, state: GuideState, **flags: bool) -> tuple[GuideWord, GuideState]:
         """Say a symbol that has had no effect again, or fall silent after some."""
         if not self._free(state) or self._since_obeyed(state) < OBEYED_S:
             return self._quiet(reason, state, **flags)
@@ -182,18 +182,18 @@ class _Tick:
 
     # phases -----------------------------------------------------------------------------------------------------------
 
-    def _done(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _done(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         step = self.plan.steps[state.step]
         moves = abs(self.now.twist.v) > STILL_V or abs(self.now.twist.omega) > STILL_OMEGA
         if state.said is not Symbol.ARRIVED or (moves and self._since_obeyed(state) > OBEYED_S):
             return self._say(Symbol.ARRIVED, "arrived", state)
-        return Guidance(None, step, "arrived", arrived=not moves and self._since_obeyed(state) > 0.0), state
+        return GuideWord(None, step, "arrived", arrived=not moves and self._since_obeyed(state) > 0.0), state
 
-    def _next(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _next(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Go on to the next step."""
         return self._phase(self.guide._begin(self.plan, state.step + 1, state, self.now))
 
-    def _turn(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _turn(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         omega = self.now.twist.omega
         error = wrap_angle(state.heading - self.now.pose.theta)
         planned = self.plan.steps[state.step].turn
@@ -248,20 +248,20 @@ class _Tick:
             return Symbol.ARRIVED
         return Symbol.BACK if following.kind is StepKind.BACK else Symbol.FORWARD
 
-    def _leave_turn(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _leave_turn(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         self._may_turn = False
         step = self.plan.steps[state.step]
         if step.kind is StepKind.PIVOT:
             return self._next(state)
-        return self._go(replace(state, phase=Phase.GO, still_ns=None))
+        return self._go(replace(state, phase=LeadingPhase.GO, still_ns=None))
 
-    def _shuffle(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _shuffle(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """The chair cannot turn on: a little back, or ahead if it is held behind or that was tried."""
         if state.shuffles >= MOST_TRIES:
             return self._quiet("the turn is blocked", state, astray=True)
         state = replace(state, shuffles=state.shuffles + 1)
         along, _, _ = self._on_leg(self._leg(state))
-        return self._back(replace(state, phase=Phase.BACK, back_until=along - SHUFFLE, still_ns=None))
+        return self._back(replace(state, phase=LeadingPhase.BACK, back_until=along - SHUFFLE, still_ns=None))
 
     def _leg(self, state: GuideState) -> Step:
         """Return the present leg; in a pivot, a leg of no length that looks ahead."""
@@ -275,7 +275,7 @@ class _Tick:
         local = leg.start.inverse() @ (pose or self.now.pose)
         return local.x, local.y, local.theta
 
-    def _back(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _back(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         v, leg = self.now.twist.v, self._leg(state)
         along, _, _ = self._on_leg(leg)
         left = along - state.back_until
@@ -303,18 +303,18 @@ class _Tick:
             return Symbol.ARRIVED if following.kind is StepKind.ARRIVED else Symbol.FORWARD
         return Symbol.FORWARD
 
-    def _leave_back(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _leave_back(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         step = self.plan.steps[state.step]
         if step.kind is StepKind.BACK:
             return self._next(state)
         if step.kind is StepKind.PIVOT:
-            return self._turn(replace(state, phase=Phase.TURN, said=None, still_ns=None))
-        return self._go(replace(state, phase=Phase.GO, still_ns=None))
+            return self._turn(replace(state, phase=LeadingPhase.TURN, said=None, still_ns=None))
+        return self._go(replace(state, phase=LeadingPhase.GO, still_ns=None))
 
     def _silent_s(self, state: GuideState) -> float:
         return (self.now.now_ns - state.said_ns) * 1e-9
 
-    def _go(self, state: GuideState) -> tuple[Guidance, GuideState]:
+    def _go(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         step, v = self.plan.steps[state.step], self.now.twist.v
         along, aside, _ = self._on_leg(step)
         drives = v > STILL_V
@@ -341,7 +341,7 @@ class _Tick:
         far_off = abs(error) > self._swivel_from * (FAR_OFF if state.nudges else 1.0)
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
-            return self._turn(replace(state, phase=Phase.TURN, heading=heading, still_ns=None))
+            return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))
         if drives:
             state = replace(state, ignored=0, still_ns=None)
         limit = max(LEAST_ERROR, NUDGE_SHARE * self.guide.rider.nudge)
@@ -357,7 +357,7 @@ class _Tick:
             return self._say(Symbol.FORWARD, reason, state)
         return self._quiet(reason, state)
 
-    def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[Guidance, GuideState]:
+    def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[GuideWord, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
         now = self.now
         state = self._watched(state, moves=False)
@@ -433,7 +433,7 @@ class _Tick:
         rate = self._rate(state) if state.said in SWIVELS else abs(omega)
         return math.copysign(rate, omega) * max(left_s, 0.0)
 
-    def _gate(self, step: Step, state: GuideState, course: Pose2) -> tuple[Guidance, GuideState] | None:
+    def _gate(self, step: Step, state: GuideState, course: Pose2) -> tuple[GuideWord, GuideState] | None:
         """Refuse the door if the chair, as it will be when it can obey, would not pass it; None while it may go on."""
         along, _, _ = self._on_leg(step)
         before, then = self._before_wall(step, along), self._before_wall(step, course.x)
@@ -477,7 +477,7 @@ class _Tick:
         gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
         return max(0.5 * (gap - self.guide.body.width), 0.0)
 
-    def _retry(self, state: GuideState, why: str) -> tuple[Guidance, GuideState]:
+    def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
         if state.tries >= MOST_TRIES:
@@ -488,6 +488,8 @@ class _Tick:
             at = step.start.inverse() @ step.door.map_from_door
             until = min(until, at.x - HALF_WALL - self.guide.body.front - BACK_OFF)
         until = max(until, -BEHIND_START)  # farther back nobody has looked
-        state = replace(state, phase=Phase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None)
+        state = replace(
+            state, phase=LeadingPhase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None
+        )
         guidance, state = self._back(state)
         return replace(guidance, reason=f"{why}: {guidance.reason}"), state

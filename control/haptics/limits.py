@@ -12,13 +12,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from waychair.control.haptics.patterns import STRENGTHS, Burst, Pattern, Vocabulary
+from waychair.control.haptics.patterns import STRENGTHS, Burst, Pattern, TouchVocabulary
 from waychair.control.haptics.symbols import Symbol
 from waychair.firmware_bridge.glove.layouts import TactorLayout
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class TouchLimit:
     """A limit of touch: its value, its unit and its source."""
 
     name: str
@@ -27,31 +27,31 @@ class Limit:
     source: str
 
 
-BURST_SHORTEST = Limit("shortest vibration", 50, "ms", "proposal: below it strength and place are felt badly")
-BURST_LONGEST = Limit("longest vibration", 500, "ms", "proposal: heat and nuisance; the board plays no longer one")
-PATTERN_LONGEST = Limit("longest pattern", 600, "ms", "proposal: the channel carries about one symbol a second")
-NUDGE_LONGEST = Limit("longest nudge", 300, "ms", "proposal: a nudge of the stick takes 0.3 s")
-WARNING_LONGEST = Limit("longest warning", 250, "ms", "proposal: more than four motors at once for at most 250 ms")
-GAP_SHORTEST = Limit(
+BURST_SHORTEST = TouchLimit("shortest vibration", 50, "ms", "proposal: below it strength and place are felt badly")
+BURST_LONGEST = TouchLimit("longest vibration", 500, "ms", "proposal: heat and nuisance; the board plays no longer one")
+PATTERN_LONGEST = TouchLimit("longest pattern", 600, "ms", "proposal: the channel carries about one symbol a second")
+NUDGE_LONGEST = TouchLimit("longest nudge", 300, "ms", "proposal: a nudge of the stick takes 0.3 s")
+WARNING_LONGEST = TouchLimit("longest warning", 250, "ms", "proposal: more than four motors at once for at most 250 ms")
+GAP_SHORTEST = TouchLimit(
     "shortest gap to the next pattern", 400, "ms", "Niwa et al., World Haptics 2009: 95 % right above 400 ms"
 )
-CIRCUIT_SHORTEST = Limit(
+CIRCUIT_SHORTEST = TouchLimit(
     "shortest circuit", 400, "ms", "Niwa et al., World Haptics 2009: about 100 % right from 400 ms on"
 )
-AT_ONCE = Limit(
+AT_ONCE = TouchLimit(
     "motors at once, but for the warning",
     1,
     "motors",
     "Enriquez & MacLean 2008, Wang et al. 2018: a common onset masks; 27.8 % right with three",
 )
-STRENGTHS_MOST = Limit("levels of strength", 4, "levels", "van Erp 2002")
-SYMBOLS_MOST = Limit(
+STRENGTHS_MOST = TouchLimit("levels of strength", 4, "levels", "van Erp 2002")
+SYMBOLS_MOST = TouchLimit(
     "symbols while driving", 9, "symbols", "proposal, after Jones et al. 2006-2009: 7 to 8 of 8 patterns at 99 %"
 )
-SPACING_SMALLEST = Limit(
+SPACING_SMALLEST = TouchLimit(
     "smallest spacing", 24, "mm", "Sofia & Jones 2013: waves are still felt 24 mm from a motor; van Erp 2005: 2-3 cm"
 )
-TOLD_APART = Limit(
+TOLD_APART = TouchLimit(
     "pair told apart", 90, "%", "proposal; felt place with a noise of 0.7 of the spacing (Chen et al. 2008)"
 )
 
@@ -71,7 +71,7 @@ AT_REST = (Symbol.ATTENTION,)
 class Broken:
     """A limit that is broken: by which layout and symbol, and the value there."""
 
-    limit: Limit
+    limit: TouchLimit
     where: str
     value: float
 
@@ -85,7 +85,7 @@ class Broken:
         )
 
 
-def broken_limits(words: Vocabulary) -> tuple[Broken, ...]:
+def broken_limits(words: TouchVocabulary) -> tuple[Broken, ...]:
     """Return all limits that the patterns of a layout break, in the order of the symbols."""
     name = words.layout.name
     found: list[Broken] = []
@@ -102,7 +102,7 @@ def broken_limits(words: Vocabulary) -> tuple[Broken, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def every_pattern(words: Vocabulary) -> Iterator[Pattern]:
+def every_pattern(words: TouchVocabulary) -> Iterator[Pattern]:
     """Yield the patterns of a layout, of obstacles one for each motor."""
     yield from words.patterns.values()
     yield from words.obstacles.values()
@@ -127,7 +127,7 @@ def _of_pattern(pattern: Pattern, where: str) -> Iterator[Broken]:
         yield Broken(CIRCUIT_SHORTEST, where, pattern.duration_ms)
 
 
-def _pairs(words: Vocabulary) -> Iterator[Broken]:
+def _pairs(words: TouchVocabulary) -> Iterator[Broken]:
     driving = [pattern for symbol, pattern in words.patterns.items() if symbol not in AT_REST]
     for first, second in itertools.combinations([*driving, *words.obstacles.values()], 2):
         if first.symbol is second.symbol:

@@ -65,7 +65,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, slots=True)
-class Vocabulary:
+class TouchVocabulary:
     """The patterns of one layout. Those of `obstacle_at` are by motor, all others by symbol."""
 
     layout: TactorLayout
@@ -87,7 +87,7 @@ class _Written(msgspec.Struct, forbid_unknown_fields=True):
     strength: int
 
 
-def vocabulary(layout: str, path: Path = PATTERNS_FILE) -> Vocabulary:
+def vocabulary(layout: str, path: Path = PATTERNS_FILE) -> TouchVocabulary:
     """Return the patterns of a layout, by its name.
 
     Raises:
@@ -102,7 +102,7 @@ def vocabulary(layout: str, path: Path = PATTERNS_FILE) -> Vocabulary:
 
 
 @functools.cache
-def vocabularies(path: Path = PATTERNS_FILE) -> Mapping[str, Vocabulary]:
+def vocabularies(path: Path = PATTERNS_FILE) -> Mapping[str, TouchVocabulary]:
     """Return the patterns of a file by layout; raises as `vocabulary`."""
     values = load_yaml(path, PatternError)
     try:
@@ -112,7 +112,7 @@ def vocabularies(path: Path = PATTERNS_FILE) -> Mapping[str, Vocabulary]:
     return {name: _vocabulary(name, written, path) for name, written in read.items()}
 
 
-def _vocabulary(name: str, written: Mapping[Symbol, _Written], path: Path) -> Vocabulary:
+def _vocabulary(name: str, written: Mapping[Symbol, _Written], path: Path) -> TouchVocabulary:
     try:
         layout = layout_named(name)
     except GloveError as error:
@@ -122,7 +122,7 @@ def _vocabulary(name: str, written: Mapping[Symbol, _Written], path: Path) -> Vo
     obstacle = written[Symbol.OBSTACLE_AT]
     pointing = [k for k, tactor in enumerate(layout.tactors) if tactor.direction is not None]
     where = f"{path}: {name}: "
-    return Vocabulary(
+    return TouchVocabulary(
         layout,
         {
             symbol: _pattern(symbol, each, len(layout.tactors), where)

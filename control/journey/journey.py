@@ -17,7 +17,7 @@ from waychair.control.journey.which_storey import decided
 from waychair.types import Goal
 
 
-class Phase(enum.StrEnum):
+class JourneyPhase(enum.StrEnum):
     """The phases of a journey."""
 
     DRIVE = "drive"
@@ -34,7 +34,7 @@ class Phase(enum.StrEnum):
     FAILED = "failed"
 
 
-ENDED = (Phase.ARRIVED, Phase.FAILED)
+ENDED = (JourneyPhase.ARRIVED, JourneyPhase.FAILED)
 """Phases after which nothing happens any more."""
 
 QUIET_S = 2.5
@@ -71,7 +71,7 @@ class Leg:
     cabin: Goal | None = None
 
 
-class Drive(enum.Enum):
+class DriveProgress(enum.Enum):
     """How the drive that was ordered last is doing."""
 
     NONE = "none"
@@ -93,7 +93,7 @@ class JourneyView:
 
     now_ns: int
     storey: str
-    drive: Drive = Drive.NONE
+    drive: DriveProgress = DriveProgress.NONE
     why: str = ""
     taken_over: bool = False
     at_rest: bool = True
@@ -108,7 +108,7 @@ class JourneyView:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class JourneyOrder:
     """What is to be done now.
 
     `goal`: the drive to be under way, None: rest. `key` tells drives apart. `call`: the storey whose button is pressed now,
@@ -136,7 +136,7 @@ class Journey:
 
     legs: tuple[Leg, ...]
     leg: int = 0
-    phase: Phase = Phase.DRIVE
+    phase: JourneyPhase = JourneyPhase.DRIVE
     since_ns: int = 0
     tries: int = 0
     drives: int = 0
@@ -144,7 +144,7 @@ class Journey:
     closed: bool = False
     to: str = ""
     cancelled: bool = False
-    resume: Phase = Phase.DRIVE
+    resume: JourneyPhase = JourneyPhase.DRIVE
     why: str = ""
 
     @property
@@ -163,7 +163,7 @@ class Journey:
         return self.phase in ENDED
 
 
-IN_THE_CAR = (Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE)
+IN_THE_CAR = (JourneyPhase.RIDE, JourneyPhase.WHICH, JourneyPhase.SWITCH, JourneyPhase.RELOCALISE)
 """Phases in which the storey is not certain: no drive begins."""
 
 
@@ -176,36 +176,40 @@ def cancel(journey: Journey, now_ns: int) -> Journey:
     """Return a journey that the rider has cancelled: in the car it still finds out the storey."""
     if journey.ended:
         return journey
-    inside = journey.phase in IN_THE_CAR or (journey.phase is Phase.HELD and journey.resume in IN_THE_CAR)
+    inside = journey.phase in IN_THE_CAR or (journey.phase is JourneyPhase.HELD and journey.resume in IN_THE_CAR)
     if inside:
-        phase = journey.resume if journey.phase is Phase.HELD else journey.phase
+        phase = journey.resume if journey.phase is JourneyPhase.HELD else journey.phase
         return replace(journey, cancelled=True, phase=phase)
-    return _to(journey, Phase.FAILED, now_ns, why="the journey was cancelled: choose a goal to drive on")
+    return _to(journey, JourneyPhase.FAILED, now_ns, why="the journey was cancelled: choose a goal to drive on")
 
 
 def go_on(journey: Journey, now_ns: int) -> Journey:
     """Return a journey that goes on where it was held, by the rider's own act."""
-    if journey.phase is not Phase.HELD:
+    if journey.phase is not JourneyPhase.HELD:
         return journey
     return replace(_to(journey, journey.resume, now_ns), drives=journey.drives + 1)
 
 
-def step(journey: Journey, view: JourneyView) -> tuple[Journey, Order]:
+def step(journey: Journey, view: JourneyView) -> tuple[Journey, JourneyOrder]:
     """Return the state after this view, and what is to be done."""
-    if not journey.ended and journey.phase is not Phase.HELD and (view.taken_over or view.drive is Drive.ENDED):
+    if (
+        not journey.ended
+        and journey.phase is not JourneyPhase.HELD
+        and (view.taken_over or view.drive is DriveProgress.ENDED)
+    ):
         journey = _held(journey, view, view.why or "you drive")
     after = _STEPS[journey.phase](journey, view)
     return after, _order(after, view)
 
 
 def _drive(journey: Journey, view: JourneyView) -> Journey:
-    if view.drive is Drive.FAILED:
+    if view.drive is DriveProgress.FAILED:
         return _held(journey, view, view.why)
-    if view.drive is not Drive.ARRIVED:
+    if view.drive is not DriveProgress.ARRIVED:
         return journey
     if journey.leg + 1 == len(journey.legs):
-        return _to(journey, Phase.ARRIVED, view.now_ns)
-    call = _to(journey, Phase.CALL, view.now_ns, tries=journey.tries)
+        return _to(journey, JourneyPhase.ARRIVED, view.now_ns)
+    call = _to(journey, JourneyPhase.CALL, view.now_ns, tries=journey.tries)
     return replace(call, crowded_ns=view.now_ns) if journey.tries else call  # let go of a lift that it has come out of
 
 
@@ -214,7 +218,7 @@ def _call(journey: Journey, view: JourneyView) -> Journey:
         gone = view.door.door is Door.CLOSED or (view.now_ns - journey.crowded_ns) * 1e-9 > GONE_S
         return replace(journey, crowded_ns=None if gone else journey.crowded_ns)
     if view.door.door is Door.OPEN:
-        return _to(journey, Phase.WAIT, view.now_ns, tries=journey.tries)
+        return _to(journey, JourneyPhase.WAIT, view.now_ns, tries=journey.tries)
     if _lasts_s(journey, view) > COMES_WITHIN_S:
         return _held(journey, view, "the lift does not come: see whether it works, take another one, or go on to wait")
     return journey
@@ -222,27 +226,27 @@ def _call(journey: Journey, view: JourneyView) -> Journey:
 
 def _wait(journey: Journey, view: JourneyView) -> Journey:
     if view.door.door in (Door.CLOSED, Door.UNSEEN) and _lasts_s(journey, view) > 1.0:
-        return _to(journey, Phase.CALL, view.now_ns, tries=journey.tries)
+        return _to(journey, JourneyPhase.CALL, view.now_ns, tries=journey.tries)
     free = view.cabin_free is True
     crowded = None if free else journey.crowded_ns or view.now_ns
     if crowded is not None and (view.now_ns - crowded) * 1e-9 > CROWDED_S:
         # nobody can ride with the chair in there: let them go, and call again
-        return replace(_to(journey, Phase.CALL, view.now_ns, tries=journey.tries), crowded_ns=view.now_ns)
+        return replace(_to(journey, JourneyPhase.CALL, view.now_ns, tries=journey.tries), crowded_ns=view.now_ns)
     if free and view.door.open_s(view.now_ns) >= SEEN_OPEN_S and view.door.still_s(view.now_ns) >= QUIET_S:
-        entering = _to(journey, Phase.ENTER, view.now_ns, tries=journey.tries + 1)
+        entering = _to(journey, JourneyPhase.ENTER, view.now_ns, tries=journey.tries + 1)
         return replace(entering, drives=journey.drives + 1)
     return replace(journey, crowded_ns=crowded)
 
 
 def _enter(journey: Journey, view: JourneyView) -> Journey:
     closes = view.door.door is Door.PART and view.door.still_s(view.now_ns) < 0.3
-    if view.drive is Drive.ARRIVED and view.in_cabin:
-        return _to(journey, Phase.RIDE, view.now_ns)
+    if view.drive is DriveProgress.ARRIVED and view.in_cabin:
+        return _to(journey, JourneyPhase.RIDE, view.now_ns)
     # somebody whom the door's jamb had hidden stands in the cabin, and cannot ride while the chair is in the door
     blocked = view.at_rest and view.cabin_free is False
     journey = replace(journey, crowded_ns=(journey.crowded_ns or view.now_ns) if blocked else None)
     makes_way = journey.crowded_ns is not None and (view.now_ns - journey.crowded_ns) * 1e-9 > MAKES_WAY_S
-    gave_up = makes_way or view.drive is Drive.FAILED or _lasts_s(journey, view) > ENTERS_WITHIN_S
+    gave_up = makes_way or view.drive is DriveProgress.FAILED or _lasts_s(journey, view) > ENTERS_WITHIN_S
     if not gave_up and (view.in_cabin or not (closes and view.clear_of_lift)):
         return journey
     if journey.tries >= MOST_TRIES:
@@ -250,8 +254,8 @@ def _enter(journey: Journey, view: JourneyView) -> Journey:
             journey, view, view.why or "the chair does not get into the lift: drive in by joystick, then go on"
         )
     if view.clear_of_lift:  # the chair is in nobody's way: wait for the door again
-        return _to(journey, Phase.WAIT, view.now_ns, tries=journey.tries)
-    back = _to(journey, Phase.DRIVE, view.now_ns, tries=journey.tries)  # to the lobby, and call again
+        return _to(journey, JourneyPhase.WAIT, view.now_ns, tries=journey.tries)
+    back = _to(journey, JourneyPhase.DRIVE, view.now_ns, tries=journey.tries)  # to the lobby, and call again
     return replace(back, drives=journey.drives + 1)
 
 
@@ -259,7 +263,7 @@ def _ride(journey: Journey, view: JourneyView) -> Journey:
     closed = journey.closed or view.door.door is Door.CLOSED
     journey = replace(journey, closed=closed)
     if closed and view.door.door is Door.OPEN and not view.riding:
-        return _to(journey, Phase.WHICH, view.now_ns, tries=journey.tries)
+        return _to(journey, JourneyPhase.WHICH, view.now_ns, tries=journey.tries)
     if _lasts_s(journey, view) > RIDES_WITHIN_S:
         return _held(journey, view, f"the lift has not gone to {journey.next_storey}: press its button, then go on")
     return journey
@@ -271,7 +275,7 @@ def _which(journey: Journey, view: JourneyView) -> Journey:
         return journey
     if storey == journey.here.storey and not journey.cancelled:
         # it has not left: the door opened again
-        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries)
+        return _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries)
     unmapped = f"this is {storey}, of which there is no map"
     if storey in view.without_map and journey.cancelled:
         return _held(journey, view, f"{unmapped}: ride to another storey, or drive out by the joystick")
@@ -281,40 +285,46 @@ def _which(journey: Journey, view: JourneyView) -> Journey:
             return _held(journey, view, why)
         what = unmapped if storey in view.without_map else f"this is {storey}"
         why = f"{what}: press {journey.next_storey} again, and stay in the lift"
-        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries + 1, why=why)
-    return replace(_to(journey, Phase.SWITCH, view.now_ns, tries=journey.tries), to=storey)
+        return _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries + 1, why=why)
+    return replace(_to(journey, JourneyPhase.SWITCH, view.now_ns, tries=journey.tries), to=storey)
 
 
 def _switch(journey: Journey, view: JourneyView) -> Journey:
-    return _to(journey, Phase.RELOCALISE, view.now_ns, tries=journey.tries) if view.storey == journey.to else journey
+    return (
+        _to(journey, JourneyPhase.RELOCALISE, view.now_ns, tries=journey.tries)
+        if view.storey == journey.to
+        else journey
+    )
 
 
 def _relocalise(journey: Journey, view: JourneyView) -> Journey:
     if view.riding or view.door.door is Door.CLOSED:  # somebody has called the car away
-        return replace(_to(journey, Phase.RIDE, view.now_ns, tries=journey.tries), closed=True)
+        return replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), closed=True)
     if view.localised:
         if journey.cancelled:
-            return _to(journey, Phase.FAILED, view.now_ns, why="the journey was cancelled: choose a goal to drive on")
+            return _to(
+                journey, JourneyPhase.FAILED, view.now_ns, why="the journey was cancelled: choose a goal to drive on"
+            )
         leg = min(journey.leg + 1, len(journey.legs) - 1)
-        return replace(_to(journey, Phase.LEAVE, view.now_ns), leg=leg, drives=journey.drives + 1)
+        return replace(_to(journey, JourneyPhase.LEAVE, view.now_ns), leg=leg, drives=journey.drives + 1)
     if _lasts_s(journey, view) > LOCALISES_WITHIN_S:
         why = f"what the chair sees does not fit the map of {journey.to}: choose the storey, then go on"
-        return replace(_held(journey, view, why), resume=Phase.WHICH)
+        return replace(_held(journey, view, why), resume=JourneyPhase.WHICH)
     return journey
 
 
 def _leave(journey: Journey, view: JourneyView) -> Journey:
-    if view.drive in (Drive.UNDER_WAY, Drive.ARRIVED):
+    if view.drive in (DriveProgress.UNDER_WAY, DriveProgress.ARRIVED):
         closes = view.door.door in (Door.PART, Door.CLOSED) and view.door.still_s(view.now_ns) < 0.3
         if view.clear_of_lift:
-            return _drive(_to(journey, Phase.DRIVE, journey.since_ns), view)
-        if closes and view.in_cabin and view.drive is Drive.UNDER_WAY and view.at_rest:
+            return _drive(_to(journey, JourneyPhase.DRIVE, journey.since_ns), view)
+        if closes and view.in_cabin and view.drive is DriveProgress.UNDER_WAY and view.at_rest:
             return _again(journey, view, journey.tries)
         return journey
     if view.in_cabin and _car_leaves(view):  # somebody has called it away: the storey is uncertain again
-        ride = _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries)
+        ride = _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries)
         return replace(ride, leg=max(journey.leg - 1, 0), closed=True)
-    if view.drive is Drive.FAILED:
+    if view.drive is DriveProgress.FAILED:
         return (
             _held(journey, view, view.why) if journey.tries >= MOST_TRIES else _again(journey, view, journey.tries + 1)
         )
@@ -323,8 +333,8 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
 
 def _hold(journey: Journey, view: JourneyView) -> Journey:
     """Return a held journey; if the car leaves with the chair, the storey is found out again before it goes on."""
-    if journey.resume is Phase.LEAVE and view.in_cabin and _car_leaves(view):
-        return replace(journey, leg=max(journey.leg - 1, 0), resume=Phase.WHICH)
+    if journey.resume is JourneyPhase.LEAVE and view.in_cabin and _car_leaves(view):
+        return replace(journey, leg=max(journey.leg - 1, 0), resume=JourneyPhase.WHICH)
     return journey
 
 
@@ -334,7 +344,7 @@ def _car_leaves(view: JourneyView) -> bool:
 
 def _again(journey: Journey, view: JourneyView, tries: int) -> Journey:
     """Return the journey with a new drive out of the lift, once its door rests."""
-    return replace(_to(journey, Phase.LEAVE, view.now_ns, tries=tries), drives=journey.drives + 1)
+    return replace(_to(journey, JourneyPhase.LEAVE, view.now_ns, tries=tries), drives=journey.drives + 1)
 
 
 def _rest(journey: Journey, view: JourneyView) -> Journey:
@@ -342,71 +352,71 @@ def _rest(journey: Journey, view: JourneyView) -> Journey:
 
 
 _STEPS = {
-    Phase.DRIVE: _drive,
-    Phase.CALL: _call,
-    Phase.WAIT: _wait,
-    Phase.ENTER: _enter,
-    Phase.RIDE: _ride,
-    Phase.WHICH: _which,
-    Phase.SWITCH: _switch,
-    Phase.RELOCALISE: _relocalise,
-    Phase.LEAVE: _leave,
-    Phase.ARRIVED: _rest,
-    Phase.HELD: _hold,
-    Phase.FAILED: _rest,
+    JourneyPhase.DRIVE: _drive,
+    JourneyPhase.CALL: _call,
+    JourneyPhase.WAIT: _wait,
+    JourneyPhase.ENTER: _enter,
+    JourneyPhase.RIDE: _ride,
+    JourneyPhase.WHICH: _which,
+    JourneyPhase.SWITCH: _switch,
+    JourneyPhase.RELOCALISE: _relocalise,
+    JourneyPhase.LEAVE: _leave,
+    JourneyPhase.ARRIVED: _rest,
+    JourneyPhase.HELD: _hold,
+    JourneyPhase.FAILED: _rest,
 }
 
 
-def _order(journey: Journey, view: JourneyView) -> Order:
+def _order(journey: Journey, view: JourneyView) -> JourneyOrder:
     """Return what is to be done in a phase."""
     here, there, key = journey.here, journey.next_storey, (journey.leg, journey.drives)
-    if journey.phase is Phase.DRIVE:
-        return Order("drives", goal=here.goal, key=key, hold=bool(here.lift) and not view.clear_of_lift)
-    if journey.phase is Phase.CALL:
-        return Order(
+    if journey.phase is JourneyPhase.DRIVE:
+        return JourneyOrder("drives", goal=here.goal, key=key, hold=bool(here.lift) and not view.clear_of_lift)
+    if journey.phase is JourneyPhase.CALL:
+        return JourneyOrder(
             f"press the lift's button: you want to go to {there}",
             call=here.storey if journey.crowded_ns is None else None,
         )
-    if journey.phase is Phase.WAIT:
-        return Order("waits until the lift's door rests and its cabin is free", hold=True)
-    if journey.phase is Phase.ENTER:
-        return Order("drives into the lift", goal=here.cabin, key=key, hold=True)
-    if journey.phase is Phase.RIDE:
-        return Order(journey.why or f"press {there}: the chair waits until the lift is there", call=there)
-    if journey.phase is Phase.WHICH:
+    if journey.phase is JourneyPhase.WAIT:
+        return JourneyOrder("waits until the lift's door rests and its cabin is free", hold=True)
+    if journey.phase is JourneyPhase.ENTER:
+        return JourneyOrder("drives into the lift", goal=here.cabin, key=key, hold=True)
+    if journey.phase is JourneyPhase.RIDE:
+        return JourneyOrder(journey.why or f"press {there}: the chair waits until the lift is there", call=there)
+    if journey.phase is JourneyPhase.WHICH:
         ask = tuple(view.chances) if decided(view.chances) is None and _lasts_s(journey, view) > SEEN_OPEN_S else ()
-        return Order("which storey is this? choose it" if ask else "finds out the storey", hold=True, ask=ask)
-    if journey.phase is Phase.SWITCH:
-        return Order(f"takes the map of {journey.to}", hold=True, switch=journey.to if view.at_rest else None)
-    if journey.phase is Phase.RELOCALISE:
-        return Order("finds its place on the map", hold=True)
-    if journey.phase is Phase.LEAVE:
+        return JourneyOrder("which storey is this? choose it" if ask else "finds out the storey", hold=True, ask=ask)
+    if journey.phase is JourneyPhase.SWITCH:
+        return JourneyOrder(f"takes the map of {journey.to}", hold=True, switch=journey.to if view.at_rest else None)
+    if journey.phase is JourneyPhase.RELOCALISE:
+        return JourneyOrder("finds its place on the map", hold=True)
+    if journey.phase is JourneyPhase.LEAVE:
         quiet = view.door.door is Door.OPEN and view.door.still_s(view.now_ns) >= QUIET_S
-        drives = view.drive is Drive.UNDER_WAY or quiet
-        return Order(
+        drives = view.drive is DriveProgress.UNDER_WAY or quiet
+        return JourneyOrder(
             "leaves the lift", goal=here.goal if drives else None, key=(journey.leg, journey.drives), hold=True
         )
-    if journey.phase is Phase.ARRIVED:
-        return Order("arrived")
-    if journey.phase is Phase.HELD:
-        ask = tuple(view.chances) if journey.resume is Phase.WHICH else ()
-        return Order(f"{journey.why}; press Go on to continue", ask=ask)
-    return Order(journey.why)
+    if journey.phase is JourneyPhase.ARRIVED:
+        return JourneyOrder("arrived")
+    if journey.phase is JourneyPhase.HELD:
+        ask = tuple(view.chances) if journey.resume is JourneyPhase.WHICH else ()
+        return JourneyOrder(f"{journey.why}; press Go on to continue", ask=ask)
+    return JourneyOrder(journey.why)
 
 
 def _held(journey: Journey, view: JourneyView, why: str) -> Journey:
     resume = {
-        Phase.ENTER: Phase.RIDE if view.in_cabin else Phase.DRIVE,
-        Phase.WAIT: Phase.DRIVE,
-        Phase.CALL: Phase.DRIVE,
-        Phase.SWITCH: Phase.WHICH,
-        Phase.RELOCALISE: Phase.WHICH,
+        JourneyPhase.ENTER: JourneyPhase.RIDE if view.in_cabin else JourneyPhase.DRIVE,
+        JourneyPhase.WAIT: JourneyPhase.DRIVE,
+        JourneyPhase.CALL: JourneyPhase.DRIVE,
+        JourneyPhase.SWITCH: JourneyPhase.WHICH,
+        JourneyPhase.RELOCALISE: JourneyPhase.WHICH,
     }.get(journey.phase, journey.phase)
-    return replace(_to(journey, Phase.HELD, view.now_ns), resume=resume, why=why)
+    return replace(_to(journey, JourneyPhase.HELD, view.now_ns), resume=resume, why=why)
 
 
-def _to(journey: Journey, phase: Phase, now_ns: int, tries: int = 0, why: str = "") -> Journey:
-    closed = journey.closed if phase in (Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE) else False
+def _to(journey: Journey, phase: JourneyPhase, now_ns: int, tries: int = 0, why: str = "") -> Journey:
+    closed = journey.closed if phase in (JourneyPhase.WHICH, JourneyPhase.SWITCH, JourneyPhase.RELOCALISE) else False
     return replace(journey, phase=phase, since_ns=now_ns, tries=tries, crowded_ns=None, closed=closed, why=why)
 
 

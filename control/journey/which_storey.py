@@ -44,7 +44,7 @@ _INDEPENDENT = 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class StopEvidence:
     """What is known of a lift's stop: the heights [m] of all its stops, also of those without a map, the one where the ride
     began and the one asked for.
 
@@ -62,7 +62,7 @@ class Evidence:
     rider: str | None = None
 
 
-def probabilities(known: Evidence) -> dict[str, float]:
+def probabilities(known: StopEvidence) -> dict[str, float]:
     """Return the probability of each stop; all are equal, but for words, if a measured climb leads to none of them.
 
     Such a lift stands where nobody knows a stop, and neither a wish nor a likeness of walls may decide.

@@ -35,7 +35,7 @@ _TURN_STEP, _DRIVE_STEP = math.radians(0.25), 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ChairInRoom:
     """A chair in a room: the room's solid boxes and its outline for rays, and the poses of the approach."""
 
     solid: SolidBoxes
@@ -43,7 +43,7 @@ class Place:
     poses: tuple[Pose2, ...]
 
 
-def random_place(seed: int, body: ChairBody) -> Place:
+def random_place(seed: int, body: ChairBody) -> ChairInRoom:
     """Return a room of 8 to 16 boxes and poles, and a straight approach of 2.5 to 3.5 m through it."""
     rng = np.random.default_rng(seed)
     while True:
@@ -55,7 +55,7 @@ def random_place(seed: int, body: ChairBody) -> Place:
             steps = int(rng.integers(125, 176))
             poses = tuple(end @ Pose2(-APPROACH_STEP * k) for k in range(steps, -1, -1))
             if clearance(solid, body, end) > 0.03 and not any(in_contact(solid, body, each) for each in poses):
-                return Place(solid, _scenery(boxes), poses)
+                return ChairInRoom(solid, _scenery(boxes), poses)
 
 
 def _boxes(rng: np.random.Generator) -> FloatArray:
@@ -85,7 +85,7 @@ def _scenery(boxes: FloatArray) -> Scenery:
     return scenery_from_slice(Slice(np.array(segments), plain))
 
 
-def truly_free(place: Place, body: ChairBody) -> BoolArray:
+def truly_free(place: ChairInRoom, body: ChairBody) -> BoolArray:
     """Return (SECTORS,) whether the exact outline can turn to each orientation and drive `AHEAD` along it."""
     pose, solid = place.poses[-1], place.solid
     free = np.zeros(SECTORS, np.bool_)
@@ -112,7 +112,7 @@ def _drives(solid: SolidBoxes, body: ChairBody, pose: Pose2, way: int) -> bool:
     return not any(in_contact(solid, body, pose @ Pose2(way * k * _DRIVE_STEP)) for k in range(steps + 1))
 
 
-def offered(place: Place, body: ChairBody, seed: int, sensors: Sequence[str], history: bool = True) -> BoolArray:
+def offered(place: ChairInRoom, body: ChairBody, seed: int, sensors: Sequence[str], history: bool = True) -> BoolArray:
     """Return (SECTORS,) whether the default network offers each orientation at the end of the approach.
 
     `sensors` are those that are heard. Without `history` the chair wakes up at the end and stands for a second.

@@ -27,7 +27,7 @@ from waychair.runtime.black_box.cell_traces import CellTraceFile
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
 from waychair.types import FloatArray, Goal
 

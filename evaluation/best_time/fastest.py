@@ -23,9 +23,9 @@ import numpy as np
 
 from evaluation.best_time.comfort import Comfort
 from evaluation.best_time.first_way import FirstWay, first_way, timed
-from evaluation.best_time.gaps import Surroundings
+from evaluation.best_time.gaps import BoxesRound
 from evaluation.best_time.motion import BestDrive, faults, integrated, motion_through, within_limits
-from evaluation.best_time.programme import Task, shortened
+from evaluation.best_time.programme import MotionTask, shortened
 from waychair.errors import PlanningError
 from waychair.geometry import wrap_angle
 from waychair.types import Pose2
@@ -45,7 +45,7 @@ class NoBestTime(PlanningError):
     """No motion within the limits was found, though there is a way."""
 
 
-def best_drive(around: Surroundings, start: Pose2, goal: Pose2, comfort: Comfort) -> BestDrive:
+def best_drive(around: BoxesRound, start: Pose2, goal: Pose2, comfort: Comfort) -> BestDrive:
     """Return the fastest motion found from rest at one pose to rest at another, for the exact outline, without margins.
 
     Raises:
@@ -55,7 +55,7 @@ def best_drive(around: Surroundings, start: Pose2, goal: Pose2, comfort: Comfort
     return _along(around, first_way(around, start, goal, comfort), goal, comfort)
 
 
-def _along(around: Surroundings, way: FirstWay, goal: Pose2, comfort: Comfort) -> BestDrive:
+def _along(around: BoxesRound, way: FirstWay, goal: Pose2, comfort: Comfort) -> BestDrive:
     """Return the fastest motion found beside a way."""
     problem = ""
     for spacing_s in _SPACINGS_S:
@@ -64,7 +64,7 @@ def _along(around: Surroundings, way: FirstWay, goal: Pose2, comfort: Comfort) -
         ends = way.start.array(), np.array([goal.x, goal.y, heading + wrap_angle(goal.theta - heading)])
         motion = motion_through(rows, rough_s, ends)
         for clear in _CLEARANCES:
-            motion = shortened(Task(around, comfort, ends, clear), motion)
+            motion = shortened(MotionTask(around, comfort, ends, clear), motion)
             drive = integrated(within_limits(motion, integrated(motion, rough_s), comfort), rough_s)
             problem = faults(around, drive, goal, comfort)
             if not problem:

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from evaluation.best_time.comfort import Comfort
-from evaluation.best_time.gaps import Surroundings, is_free
+from evaluation.best_time.gaps import BoxesRound, is_free
 from waychair.errors import NoPath
 from waychair.maps.grid.distance_field import distances
 from waychair.simulation.scene.boxes import touch
@@ -91,7 +91,7 @@ class _Costs(NamedTuple):
     turn_rate: float
 
 
-def first_way(around: Surroundings, start: Pose2, goal: Pose2, comfort: Comfort) -> FirstWay:
+def first_way(around: BoxesRound, start: Pose2, goal: Pose2, comfort: Comfort) -> FirstWay:
     """Return a way between two poses for the exact outline; its last pose is within 5 cm and 0.05 rad of the goal.
 
     Raises:
@@ -142,7 +142,7 @@ def _costs(comfort: Comfort) -> _Costs:
     )
 
 
-def _raster(around: Surroundings, start: Pose2, goal: Pose2) -> _Raster:
+def _raster(around: BoxesRound, start: Pose2, goal: Pose2) -> _Raster:
     points = np.array([(start.x, start.y), (goal.x, goal.y)])
     low, high = points.min(axis=0) - _ROOM_ROUND, points.max(axis=0) + _ROOM_ROUND
     if len(around.boxes):
@@ -211,7 +211,7 @@ def after(x: float, y: float, theta: float, length: float, turn: float) -> tuple
 
 @njit(cache=True, nogil=True)
 def _is_clear(
-    around: Surroundings, raster: _Raster, x: float, y: float, theta: float, length: float, turn: float
+    around: BoxesRound, raster: _Raster, x: float, y: float, theta: float, length: float, turn: float
 ) -> bool:
     """Return whether the chair is free along an arc, its end included."""
     reach = abs(around.ahead) + math.hypot(around.half_length, around.half_width)
@@ -236,7 +236,7 @@ def _is_clear(
 
 @njit(cache=True, nogil=True)
 def _search(
-    around: Surroundings, raster: _Raster, costs: _Costs, side: float, start: FloatArray, goal: FloatArray
+    around: BoxesRound, raster: _Raster, costs: _Costs, side: float, start: FloatArray, goal: FloatArray
 ) -> tuple[FloatArray, float]:
     """Return the moves (M, 2) from the goal back to the start, and their rough time [s]; no moves: no way."""
     height, width = raster.left.shape
@@ -324,7 +324,7 @@ def _cell(raster: _Raster, side: float, columns: int, x: float, y: float, theta:
 
 @njit(cache=True, nogil=True)
 def _straight_end(
-    around: Surroundings,
+    around: BoxesRound,
     raster: _Raster,
     costs: _Costs,
     x: float,

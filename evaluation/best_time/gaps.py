@@ -19,7 +19,7 @@ from waychair.simulation.scene.contact import SolidBoxes
 from waychair.types import FloatArray, IntArray
 
 
-class Surroundings(NamedTuple):
+class BoxesRound(NamedTuple):
     """A chair's rectangle and the boxes round it.
 
     `boxes` (N, 6) and `bins` as in `simulation/scene/boxes.py`. `ahead` [m]: from the drive axle to the rectangle's
@@ -33,9 +33,9 @@ class Surroundings(NamedTuple):
     half_width: float
 
 
-def surroundings(solid: SolidBoxes, body: ChairBody) -> Surroundings:
+def surroundings(solid: SolidBoxes, body: ChairBody) -> BoxesRound:
     """Return a chair's whole outline with the solid boxes of a world."""
-    return Surroundings(solid.boxes, solid.bins, (body.front - body.rear) / 2, body.length / 2, body.width / 2)
+    return BoxesRound(solid.boxes, solid.bins, (body.front - body.rear) / 2, body.length / 2, body.width / 2)
 
 
 _MOST_NEAR = 64
@@ -46,7 +46,7 @@ _OVERLAP = 1e-7
 
 
 @njit(cache=True, nogil=True)
-def is_free(around: Surroundings, x: float, y: float, theta: float) -> bool:
+def is_free(around: BoxesRound, x: float, y: float, theta: float) -> bool:
     """Return whether the chair at a pose [m, rad] touches no box."""
     box = _chair(around, x, y, theta)
     bins = around.bins
@@ -63,7 +63,7 @@ def is_free(around: Surroundings, x: float, y: float, theta: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def gaps(around: Surroundings, poses: FloatArray, reach: float, most: int) -> FloatArray:
+def gaps(around: BoxesRound, poses: FloatArray, reach: float, most: int) -> FloatArray:
     """Return (R, 5) rows: index of the pose, gap [m] (negative: overlap), and its derivatives by x, y, theta.
 
     For each of the poses (N, 3) these are the at most `most` smallest gaps below `reach` [m].
@@ -83,7 +83,7 @@ def gaps(around: Surroundings, poses: FloatArray, reach: float, most: int) -> Fl
 
 
 @njit(cache=True, nogil=True)
-def _rows_at(around: Surroundings, pose: FloatArray, reach: float, near: IntArray, rows: FloatArray) -> int:
+def _rows_at(around: BoxesRound, pose: FloatArray, reach: float, near: IntArray, rows: FloatArray) -> int:
     """Write the gaps of the chair at a pose (3,) within `reach` [m] into the rows (R, 4); return their number."""
     x, y = pose[0], pose[1]
     chair = _chair(around, x, y, pose[2])
@@ -94,7 +94,7 @@ def _rows_at(around: Surroundings, pose: FloatArray, reach: float, near: IntArra
 
 
 @njit(cache=True, nogil=True)
-def overlaps(around: Surroundings, poses: FloatArray, clear: float) -> float:
+def overlaps(around: BoxesRound, poses: FloatArray, clear: float) -> float:
     """Return the sum over the poses (N, 3) of the length [m] by which the least gap falls short of `clear` [m]."""
     total = 0.0
     rows = np.empty((_MOST_NEAR * 8, 4))
@@ -107,14 +107,14 @@ def overlaps(around: Surroundings, poses: FloatArray, clear: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _chair(around: Surroundings, x: float, y: float, theta: float) -> FloatArray:
+def _chair(around: BoxesRound, x: float, y: float, theta: float) -> FloatArray:
     """Return the chair's rectangle as a box (6,)."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([x + around.ahead * c, y + around.ahead * s, c, s, around.half_length, around.half_width])
 
 
 @njit(cache=True, nogil=True)
-def _near(around: Surroundings, chair: FloatArray, reach: float, near: IntArray) -> int:
+def _near(around: BoxesRound, chair: FloatArray, reach: float, near: IntArray) -> int:
     """Write the indices of the boxes within `reach` of the chair's bounding square to `near`; return their number."""
     bins = around.bins
     reach_x = chair[4] * abs(chair[2]) + chair[5] * abs(chair[3]) + reach

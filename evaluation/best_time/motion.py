@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evaluation.best_time.comfort import Comfort
-from evaluation.best_time.gaps import Surroundings, is_free
+from evaluation.best_time.gaps import BoxesRound, is_free
 from waychair.geometry import wrap_angle
 from waychair.types import FloatArray, Pose2
 
@@ -160,7 +160,7 @@ _LONGEST = 1.1
 """A motion that would have to last longer by more than this is no best one."""
 
 
-def faults(around: Surroundings, drive: BestDrive, goal: Pose2, comfort: Comfort) -> str:
+def faults(around: BoxesRound, drive: BestDrive, goal: Pose2, comfort: Comfort) -> str:
     """Return what a motion violates, as the end of a sentence; empty if the chair could drive it."""
     x, y, theta = drive.poses[-1].tolist()
     away = math.hypot(x - goal.x, y - goal.y)

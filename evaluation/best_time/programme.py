@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array, csc_array
 
 from evaluation.best_time.comfort import Comfort
-from evaluation.best_time.gaps import Surroundings, gaps, overlaps
+from evaluation.best_time.gaps import BoxesRound, gaps, overlaps
 from evaluation.best_time.motion import Motion
 from waychair.types import FloatArray, IntArray
 
@@ -45,16 +45,16 @@ _SLOW = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class MotionTask:
     """What a motion has to keep: the chair's surroundings, limits, both end poses (3,), and the least gap [m]."""
 
-    around: Surroundings
+    around: BoxesRound
     comfort: Comfort
     ends: tuple[FloatArray, FloatArray]
     clear: float
 
 
-def shortened(task: Task, motion: Motion) -> Motion:
+def shortened(task: MotionTask, motion: Motion) -> Motion:
     """Return the fastest motion that successive linear programmes find from another one."""
     trust, cost = 1.0, _cost(task, motion)
     for step in range(_MOST_STEPS):
@@ -76,7 +76,7 @@ def shortened(task: Task, motion: Motion) -> Motion:
     return motion
 
 
-def _cost(task: Task, motion: Motion) -> float:
+def _cost(task: MotionTask, motion: Motion) -> float:
     """Return the time [s] of a motion, plus the prices of turning and of violations."""
     knots = motion.knots
     lateral = np.abs(knots[:, 3] * knots[:, 5]) / motion.dt**2
@@ -89,7 +89,7 @@ def _cost(task: Task, motion: Motion) -> float:
     )
 
 
-def _solved(task: Task, motion: Motion, trust: float) -> tuple[Motion, float] | None:
+def _solved(task: MotionTask, motion: Motion, trust: float) -> tuple[Motion, float] | None:
     """Return the solution of the linear programme round a motion, and its cost there; None if it has none."""
     near = gaps(task.around, motion.checked(), task.clear + 2 * _REACH * trust + 0.02, _MOST_GAPS)
     at = _Unknowns(motion.count, len(near))

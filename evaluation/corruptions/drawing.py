@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.corruptions.fault import Fault
+from evaluation.corruptions.fault import RecordingFault
 from evaluation.corruptions.file_faults import FILE_FAULTS
 from evaluation.corruptions.imu_faults import IMU_FAULTS
 from evaluation.corruptions.lidar_faults import LIDAR_FAULTS
@@ -39,13 +39,13 @@ class Corrupted:
     """
 
     seed: int
-    fault: Fault
+    fault: RecordingFault
     path: Path
     original: str
     stamps: IntArray
 
 
-def faults(pictures: Path | None) -> tuple[Fault, ...]:
+def faults(pictures: Path | None) -> tuple[RecordingFault, ...]:
     """Return the faults that can be made, those of pictures only where there is a folder of them."""
     return tuple(fault for fault in FAULTS if pictures is not None or fault.where != "pictures")
 
@@ -56,14 +56,14 @@ def pictures_in(data: Path) -> Path | None:
     return folder if (folder / "associations.txt").exists() else None
 
 
-def fault_of(seed: int, pictures: Path | None) -> Fault:
+def fault_of(seed: int, pictures: Path | None) -> RecordingFault:
     """Return the fault of a seed; as many seeds as there are faults take each once."""
     known = faults(pictures)
     turn, place = divmod(seed, len(known))
     return known[int(np.random.default_rng((_ORDER, turn)).permutation(len(known))[place])]
 
 
-def corrupted(seed: int, fault: Fault, folder: Path, pictures: Path | None) -> Corrupted:
+def corrupted(seed: int, fault: RecordingFault, folder: Path, pictures: Path | None) -> Corrupted:
     """Write the recording of a seed with a fault into an empty folder, and return it."""
     rng = np.random.default_rng((seed, _number(fault)))
     if fault.where == "pictures":
@@ -113,12 +113,12 @@ def torn(path: Path) -> Path:
     return path
 
 
-def _changed(seed: int, fault: Fault, path: Path, original: str, rng: np.random.Generator) -> Corrupted:
+def _changed(seed: int, fault: RecordingFault, path: Path, original: str, rng: np.random.Generator) -> Corrupted:
     assert fault.file is not None
     return Corrupted(seed, fault, fault.file(path, rng), original, np.zeros((0, 2), np.int64))
 
 
-def _number(fault: Fault) -> int:
+def _number(fault: RecordingFault) -> int:
     return zlib.crc32(fault.name.encode())
 
 

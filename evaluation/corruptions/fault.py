@@ -18,7 +18,7 @@ ChangeFile = Callable[[Path, np.random.Generator], Path]
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class RecordingFault:
     """A fault of one of the kinds 1 to 5.
 
     `parts` are the parts of a recording that may rightly be named, `words` the pattern of its kind in a sentence;
@@ -37,28 +37,28 @@ class Fault:
 
 def messages_fault(
     kind: int, parts: Part | tuple[Part, ...], words: str, *, clouds: bool = False
-) -> Callable[[ChangeMessages], Fault]:
+) -> Callable[[ChangeMessages], RecordingFault]:
     """Return a decorator that makes a fault of a function on messages; the function's name is the fault's."""
 
-    def made(change: ChangeMessages) -> Fault:
+    def made(change: ChangeMessages) -> RecordingFault:
         own: tuple[Part, ...] = (parts,) if isinstance(parts, str) else parts
-        return Fault(change.__name__, kind, own, words, "clouds" if clouds else "messages", messages=change)
+        return RecordingFault(change.__name__, kind, own, words, "clouds" if clouds else "messages", messages=change)
 
     return made
 
 
 def file_fault(
     kind: int, parts: Part | tuple[Part, ...], words: str, where: Where = "file"
-) -> Callable[[ChangeFile], Fault]:
+) -> Callable[[ChangeFile], RecordingFault]:
     """Return a decorator that makes a fault of a function on a path; the function's name is the fault's."""
 
-    def made(change: ChangeFile) -> Fault:
+    def made(change: ChangeFile) -> RecordingFault:
         own: tuple[Part, ...] = (parts,) if isinstance(parts, str) else parts
-        return Fault(change.__name__, kind, own, words, where, file=change)
+        return RecordingFault(change.__name__, kind, own, words, where, file=change)
 
     return made
 
 
-def faults_of(namespace: dict[str, object]) -> tuple[Fault, ...]:
+def faults_of(namespace: dict[str, object]) -> tuple[RecordingFault, ...]:
     """Return the faults of a module, in the order of its text."""
-    return tuple(value for value in namespace.values() if isinstance(value, Fault))
+    return tuple(value for value in namespace.values() if isinstance(value, RecordingFault))

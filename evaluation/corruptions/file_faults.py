@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.corruptions.fault import Part, faults_of, file_fault, messages_fault
-from evaluation.corruptions.messages import IMU, ODOM, SCAN, Event, Messages, sound_messages, write_messages
+from evaluation.corruptions.messages import IMU, ODOM, SCAN, BagMessage, Messages, sound_messages, write_messages
 
 Rng = np.random.Generator
 _DAMAGE = "damage|cut|truncat|incomplete|zero|empty|corrupt|not a|neither|missing from the file"
@@ -179,7 +179,7 @@ def _parts(path: Path) -> tuple[Path, list[Path]]:
     return folder, files
 
 
-def _some(events: list[Event], rng: Rng) -> list[Event]:
+def _some(events: list[BagMessage], rng: Rng) -> list[BagMessage]:
     share = float(rng.choice([0.0, 0.1, 1.0]))
     chosen = [event for event in events if rng.random() < share]
     return chosen or [events[int(rng.integers(len(events)))]]

@@ -12,7 +12,7 @@ from evaluation.corruptions.messages import (
     IMU,
     SCAN,
     STATIC,
-    Event,
+    BagMessage,
     Messages,
     mount_message,
     quaternion,
@@ -26,11 +26,13 @@ _GRAVITY = "gravity|9.8|in g|upside|axes|axis|tilt|lean"
 _MOUNT = "mount|--base-from-laser|connect|/tf|upside|elsewhere|looks"
 
 
-def _samples(messages: Messages) -> list[Event]:
+def _samples(messages: Messages) -> list[BagMessage]:
     return messages.of(IMU)
 
 
-def _vectors(events: list[Event], field: str, by: Callable[[float, float, float], tuple[float, float, float]]) -> None:
+def _vectors(
+    events: list[BagMessage], field: str, by: Callable[[float, float, float], tuple[float, float, float]]
+) -> None:
     for event in events:
         told = getattr(event.body, field)
         told.x, told.y, told.z = by(float(told.x), float(told.y), float(told.z))
@@ -131,7 +133,7 @@ def imu_is_silent_for_a_while(messages: Messages, rng: Rng) -> None:
     messages.remove(samples[first:] if rng.random() < 0.4 else samples[first : first + int(rng.integers(50, 800))])
 
 
-def _mounts(messages: Messages, child: str) -> list[Event]:
+def _mounts(messages: Messages, child: str) -> list[BagMessage]:
     return [event for event in messages.of(STATIC) if event.body.transforms[0].child_frame_id == child]
 
 
@@ -193,7 +195,7 @@ def mount_is_no_transform(messages: Messages, rng: Rng) -> None:
 def mount_is_told_twice(messages: Messages, rng: Rng) -> None:
     event = _mounts(messages, "laser")[0]
     other = mount_message(messages, "base_link", "laser", (*MOUNT, 0.3), yaw=float(rng.choice([math.pi / 2, math.pi])))
-    messages.events.insert(0 if rng.random() < 0.5 else 2, Event(STATIC, event.log_ns, other, event.true_ns))
+    messages.events.insert(0 if rng.random() < 0.5 else 2, BagMessage(STATIC, event.log_ns, other, event.true_ns))
 
 
 @messages_fault(1, "mount", _MOUNT + "|loop|circle|cycle|parent")
@@ -201,7 +203,7 @@ def mounts_go_round(messages: Messages, rng: Rng) -> None:
     first = _mounts(messages, "laser")[0]
     for parent, child in (("laser", "plate"), ("plate", "base_link")):
         messages.events.insert(
-            0, Event(STATIC, first.log_ns, mount_message(messages, parent, child, (0.1, 0.0, 0.0)), first.true_ns)
+            0, BagMessage(STATIC, first.log_ns, mount_message(messages, parent, child, (0.1, 0.0, 0.0)), first.true_ns)
         )
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from evaluation.corruptions.fault import faults_of, messages_fault
-from evaluation.corruptions.messages import SCAN, Event, Messages, change, set_stamp, stamp_of
+from evaluation.corruptions.messages import SCAN, BagMessage, Messages, change, set_stamp, stamp_of
 from evaluation.corruptions.sound_drive import PERIOD_S, REACH_M, SECOND
 
 Rng = np.random.Generator
@@ -20,18 +20,18 @@ _STAMP = "stamp|clock|order|set back"
 _SIZE = "sizes?|beams|count|length|empty|no distance"
 
 
-def _scans(messages: Messages) -> list[Event]:
+def _scans(messages: Messages) -> list[BagMessage]:
     return messages.of(SCAN)
 
 
-def _some(events: list[Event], rng: Rng, share: float | None = None) -> list[Event]:
+def _some(events: list[BagMessage], rng: Rng, share: float | None = None) -> list[BagMessage]:
     """Return all messages, a share of them, or one, drawn where no share is given."""
     share = float(rng.choice([0.0, 0.3, 1.0])) if share is None else share
     chosen = [event for event in events if rng.random() < share]
     return chosen or [events[int(rng.integers(len(events)))]]
 
 
-def _ranges_by(events: list[Event], by: float) -> None:
+def _ranges_by(events: list[BagMessage], by: float) -> None:
     for event in events:
         event.body.ranges = (event.body.ranges * np.float32(by)).astype(np.float32)
 
@@ -229,7 +229,7 @@ def scans_are_missing(messages: Messages, rng: Rng) -> None:
 @messages_fault(2, "lidar", "twice|repeat|duplicate|same|stick|stuck|frozen")
 def scans_come_twice(messages: Messages, rng: Rng) -> None:
     for event in _some(_scans(messages), rng, float(rng.choice([0.2, 1.0]))):
-        messages.events.append(Event(SCAN, event.log_ns + 1, event.body, event.true_ns))
+        messages.events.append(BagMessage(SCAN, event.log_ns + 1, event.body, event.true_ns))
     messages.events.sort(key=lambda event: event.log_ns)
 
 

@@ -27,7 +27,7 @@ _STORES[1].register(get_types_from_msg("geometry_msgs/TransformStamped[] transfo
 
 
 @dataclass(slots=True)
-class Event:
+class BagMessage:
     """A message in a bag, in the order of recording.
 
     `true_ns` is the time at which it was measured, whatever its stamp becomes; `raw` replaces its bytes, `kind` its type.
@@ -46,14 +46,14 @@ class Messages:
     """All messages of a drive, which a fault changes in place."""
 
     ros: Literal[1, 2]
-    events: list[Event]
+    events: list[BagMessage]
 
     @property
     def store(self) -> Any:
         """Return the types of messages of this version of ROS."""
         return _STORES[self.ros]
 
-    def of(self, topic: str) -> list[Event]:
+    def of(self, topic: str) -> list[BagMessage]:
         """Return the messages of a topic, in the order of recording."""
         return [event for event in self.events if event.topic == topic]
 
@@ -61,7 +61,7 @@ class Messages:
         """Return a message of a kind."""
         return self.store.types[kind](*fields)
 
-    def remove(self, gone: Iterable[Event]) -> None:
+    def remove(self, gone: Iterable[BagMessage]) -> None:
         """Take messages out."""
         left_out = {id(event) for event in gone}
         self.events = [event for event in self.events if id(event) not in left_out]
@@ -142,18 +142,18 @@ def _sound(ros: Literal[1, 2], clouds: bool) -> Messages:
     drive = sound_drive()
     later_ns = round(1.05 * PERIOD_S * SECOND)
     for name, xyz in (("laser", (*MOUNT, 0.3)), ("imu_link", (0.0, 0.0, 0.2))):
-        messages.events.append(Event(STATIC, START_NS, mount_message(messages, "base_link", name, xyz), START_NS))
+        messages.events.append(BagMessage(STATIC, START_NS, mount_message(messages, "base_link", name, xyz), START_NS))
     events = []
     for seconds, pose, speed in zip(drive.wheel_times, drive.wheel_poses, drive.wheel_speeds, strict=True):
         stamp = START_NS + round(float(seconds) * SECOND)
-        events.append(Event(ODOM, stamp + SECOND // 500, _odometry(messages, stamp, pose, speed), stamp))
+        events.append(BagMessage(ODOM, stamp + SECOND // 500, _odometry(messages, stamp, pose, speed), stamp))
     for seconds, gyro, accel in zip(drive.imu_times, drive.gyro, drive.accel, strict=True):
         stamp = START_NS + round(float(seconds) * SECOND)
-        events.append(Event(IMU, stamp + SECOND // 1000, _imu(messages, stamp, gyro, accel), stamp))
+        events.append(BagMessage(IMU, stamp + SECOND // 1000, _imu(messages, stamp, gyro, accel), stamp))
     for seconds, ranges in zip(drive.scan_times, drive.scans, strict=True):
         stamp = START_NS + round(float(seconds) * SECOND)
         body = _cloud(messages, stamp, ranges) if clouds else _scan(messages, stamp, ranges)
-        events.append(Event("/cloud" if clouds else SCAN, stamp + later_ns, body, stamp))
+        events.append(BagMessage("/cloud" if clouds else SCAN, stamp + later_ns, body, stamp))
     messages.events += sorted(events, key=lambda event: event.log_ns)
     return messages
 

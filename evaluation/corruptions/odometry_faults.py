@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.corruptions.fault import faults_of, messages_fault
-from evaluation.corruptions.messages import ODOM, Event, Messages, change, set_stamp, set_yaw, stamp_of, yaw_of
+from evaluation.corruptions.messages import ODOM, BagMessage, Messages, change, set_stamp, set_yaw, stamp_of, yaw_of
 from evaluation.corruptions.sound_drive import SECOND
 
 Rng = np.random.Generator
@@ -17,24 +17,24 @@ _STEP = "jump|restart|begins anew|no chair|steps?\\b|wild|reset|[\\d.]+ (k?m|deg
 _SCALE = "scale|units?|long|short|millimet|centimet|factor|radius|[\\d.]+ times (too|the true)"
 
 
-def _readings(messages: Messages) -> list[Event]:
+def _readings(messages: Messages) -> list[BagMessage]:
     return messages.of(ODOM)
 
 
-def _from(messages: Messages, rng: Rng) -> list[Event]:
+def _from(messages: Messages, rng: Rng) -> list[BagMessage]:
     """Return the readings from a moment in the middle of the drive on."""
     readings = _readings(messages)
     return readings[int(rng.uniform(0.25, 0.75) * len(readings)) :]
 
 
-def _pose_by(events: list[Event], by: Callable[[float, float, float], tuple[float, float, float]]) -> None:
+def _pose_by(events: list[BagMessage], by: Callable[[float, float, float], tuple[float, float, float]]) -> None:
     for event in events:
         at = event.body.pose.pose.position
         at.x, at.y, yaw = by(float(at.x), float(at.y), yaw_of(event.body))
         set_yaw(event.body, yaw)
 
 
-def _seen_from(events: list[Event], x0: float, y0: float, yaw0: float, into: tuple[float, float, float]) -> None:
+def _seen_from(events: list[BagMessage], x0: float, y0: float, yaw0: float, into: tuple[float, float, float]) -> None:
     """Give the poses from another origin: the pose (x0, y0, yaw0) becomes `into`."""
     turn = into[2] - yaw0
     c, s = math.cos(turn), math.sin(turn)
@@ -176,7 +176,7 @@ def odometry_is_missing(messages: Messages, rng: Rng) -> None:
 def odometry_comes_twice(messages: Messages, rng: Rng) -> None:
     for event in _readings(messages):
         if rng.random() < 0.5:
-            copy = Event(ODOM, event.log_ns + 1, event.body, event.true_ns)
+            copy = BagMessage(ODOM, event.log_ns + 1, event.body, event.true_ns)
             messages.events.append(copy)
     messages.events.sort(key=lambda event: event.log_ns)
 
@@ -202,11 +202,11 @@ def another_robot_is_in_the_bag(messages: Messages, rng: Rng) -> None:
         other = pose.__class__(pose.position.__class__(-pose.position.y, 0.5 * pose.position.x, 0.0), pose.orientation)
         twin.pose.pose = other
         for k in range(2 if rng.random() < 0.5 else 1):
-            messages.events.append(Event("/robot2/odom", event.log_ns + k, twin, event.true_ns))
+            messages.events.append(BagMessage("/robot2/odom", event.log_ns + k, twin, event.true_ns))
     messages.events.sort(key=lambda event: event.log_ns)
 
 
-def _rolled(events: list[Event], way: float, turn: float) -> None:
+def _rolled(events: list[BagMessage], way: float, turn: float) -> None:
     poses = np.array([(e.body.pose.pose.position.x, e.body.pose.pose.position.y, yaw_of(e.body)) for e in events])
     poses[:, 2] = np.unwrap(poses[:, 2])
     steps = np.diff(poses, axis=0)

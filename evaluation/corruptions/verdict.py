@@ -13,7 +13,7 @@ import numpy as np
 from evaluation.corruptions.drawing import Corrupted
 from evaluation.corruptions.fault import Part
 from evaluation.corruptions.sound_drive import MOUNT, SECOND, START_NS, sound_drive
-from evaluation.corruptions.warm_runner import Run
+from evaluation.corruptions.warm_runner import FinishedRun
 from waychair.errors import WaychairError
 from waychair.geometry import compose
 from waychair.recordings.recording import read_tum, read_tum_in_space
@@ -48,7 +48,7 @@ _ACCUSED: dict[Part, str] = {
 """Words by which a sentence accuses a part, by the first of them in it."""
 
 
-class Verdict(StrEnum):
+class RunVerdict(StrEnum):
     """What came of a run."""
 
     MAPS = "maps"
@@ -69,7 +69,7 @@ class Judged:
     seed: int
     fault: str
     kind: int
-    verdict: Verdict
+    verdict: RunVerdict
     rmse_m: float
     share: float
     time_times: float
@@ -78,16 +78,18 @@ class Judged:
     sentences: tuple[str, ...]
 
 
-def judged(made: Corrupted, run: Run, out: Path, sound: Run, sound_sentences: tuple[str, ...]) -> Judged:
+def judged(
+    made: Corrupted, run: FinishedRun, out: Path, sound: FinishedRun, sound_sentences: tuple[str, ...]
+) -> Judged:
     """Return the verdict on a run that wrote its map to `out`, beside the sound recording's run."""
     rmse, share = _error(made, out) if run.status == 0 else (math.nan, 0.0)
     sentences = tuple(sentence for sentence in sentences_of(run.text) if sentence not in sound_sentences)
     times, memory = run.cpu_s / sound.cpu_s, run.memory_mb / sound.memory_mb
     verdict = _verdict(made, run, rmse, share, sentences)
-    if verdict is not Verdict.TRACEBACK and times > TIMES:
-        verdict = Verdict.TOO_SLOW
-    elif verdict is not Verdict.TRACEBACK and memory > TIMES:
-        verdict = Verdict.TOO_LARGE
+    if verdict is not RunVerdict.TRACEBACK and times > TIMES:
+        verdict = RunVerdict.TOO_SLOW
+    elif verdict is not RunVerdict.TRACEBACK and memory > TIMES:
+        verdict = RunVerdict.TOO_LARGE
     return Judged(
         made.seed, made.fault.name, made.fault.kind, verdict, round(rmse, 4), round(share, 3), round(times, 2),
         round(memory, 2), run.status, sentences,
@@ -121,22 +123,22 @@ def accuses_another(made: Corrupted, sentence: str) -> bool:
     return bool(found) and min(found)[1] not in made.fault.parts
 
 
-def _verdict(made: Corrupted, run: Run, rmse: float, share: float, sentences: tuple[str, ...]) -> Verdict:
+def _verdict(made: Corrupted, run: FinishedRun, rmse: float, share: float, sentences: tuple[str, ...]) -> RunVerdict:
     crashed = run.status < 0 and -run.status not in (9, 24)  # SIGKILL and SIGXCPU are those of the time's limit
     if "Traceback (most recent call last)" in run.text or crashed or run.status not in (0, 1, -9, -24):
-        return Verdict.TRACEBACK
+        return RunVerdict.TRACEBACK
     if run.status < 0:
-        return Verdict.TOO_SLOW
+        return RunVerdict.TOO_SLOW
     named = any(names(made, sentence) and explains(sentence, rmse) for sentence in sentences)
     blamed = not named and any(accuses_another(made, sentence) for sentence in sentences)
     right = run.status == 0 and rmse <= GOOD_M and (share >= _LEAST_SHARE or named)
     if right:
-        return Verdict.MISBLAMED if blamed else Verdict.MAPS
+        return RunVerdict.MISBLAMED if blamed else RunVerdict.MAPS
     if named:
-        return Verdict.NAMED
+        return RunVerdict.NAMED
     if run.status == 0 and not rmse <= WRONG_M:
-        return Verdict.SILENT_WRONG
-    return Verdict.MISBLAMED if blamed else Verdict.UNNAMED
+        return RunVerdict.SILENT_WRONG
+    return RunVerdict.MISBLAMED if blamed else RunVerdict.UNNAMED
 
 
 def _error(made: Corrupted, out: Path) -> tuple[float, float]:

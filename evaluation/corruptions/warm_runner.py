@@ -27,7 +27,7 @@ _GRACE_S = 5.0  # of processor time, over the limit
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class FinishedRun:
     """A finished run: exit status (negative: the signal), text, processor time [s], wall time [s], peak memory [MB]."""
 
     status: int
@@ -55,16 +55,16 @@ class WarmRunner:
         self._process.stdin.close()
         self._process.wait()
 
-    def run(self, arguments: list[str], limit_s: float) -> Run:
+    def run(self, arguments: list[str], limit_s: float) -> FinishedRun:
         """Return a run of the command line with arguments; it is ended after `limit_s` of processor time."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps({"arguments": arguments, "limit_s": limit_s}) + "\n")
         self._process.stdin.flush()
-        return Run(**json.loads(self._process.stdout.readline()))
+        return FinishedRun(**json.loads(self._process.stdout.readline()))
 
 
-def _forked(arguments: list[str], limit_s: float) -> Run:
+def _forked(arguments: list[str], limit_s: float) -> FinishedRun:
     with tempfile.TemporaryFile("w+") as output:
         began = time.perf_counter()
         child = os.fork()
@@ -79,7 +79,7 @@ def _forked(arguments: list[str], limit_s: float) -> Run:
         output.seek(0)
         text = output.read()
     code = os.waitstatus_to_exitcode(status)
-    return Run(code, text, used.ru_utime + used.ru_stime, wall_s, used.ru_maxrss / 1e3)
+    return FinishedRun(code, text, used.ru_utime + used.ru_stime, wall_s, used.ru_maxrss / 1e3)
 
 
 def _be_the_command(arguments: list[str], limit_s: float, output: int) -> None:

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from waychair.runtime.fleet.fleet_watch import FleetWatch
-from waychair.runtime.fleet.peer_process import clock_ns, fleet_of
-from waychair.runtime.fleet.zenoh_transport import ZenohListener
+from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of
+from waychair.runtime.fleet.network.zenoh_transport import ZenohListener
 from waychair.runtime.processes import Process, Supervision
 from waychair.trials.fleet.live.live_fleet import LiveFleet
 from waychair.trials.fleet.live.live_plan import DESK, ROUTER, fleet_file, new_plan

@@ -16,7 +16,7 @@ from waychair.errors import WaychairError
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.planning.fleet.peers import alone, claims, election, memory, networked_warden, peer
 from waychair.planning.fleet.peers.messages import ALONE, Electorate, Letter, State
-from waychair.planning.fleet.warden import Report
+from waychair.planning.fleet.warden import ChairReport
 from waychair.simulation.network import NetworkFaults
 from waychair.trials.fleet import fleet_networked, fleet_situations
 from waychair.trials.fleet.fleet_invariants import Invariants, storm, summary, troubles
@@ -149,7 +149,7 @@ def _run_faults(seed: int) -> tuple[str, ...]:
     return network_run(seed).faults
 
 
-def _report_of_all(order: Any, number: int, each: Any) -> Report:
+def _report_of_all(order: Any, number: int, each: Any) -> ChairReport:
     """Everything that a chair wants counts as free."""
     chain = order.chains[number]
     found = _right_report(order, number, each)
@@ -157,7 +157,7 @@ def _report_of_all(order: Any, number: int, each: Any) -> Report:
     return replace(found, visits=chain.visit + more, behind=found.behind + more - (found.visits - chain.visit))
 
 
-def _report_without_rear(order: Any, number: int, each: Any) -> Report:
+def _report_without_rear(order: Any, number: int, each: Any) -> ChairReport:
     """A rear counts as gone as soon as the front has entered the next spot."""
     found = _right_report(order, number, each)
     return replace(found, behind=max(found.visits - each.state.visit, 0))
@@ -238,7 +238,7 @@ def _peer_that_forgets(fleet: Any, number: int, boot: int, electorate: Any) -> p
     return peer.Peer(fleet, number, boot)
 
 
-_right_report: Callable[..., Report] = networked_warden._report
+_right_report: Callable[..., ChairReport] = networked_warden._report
 _right_way: Callable[..., tuple[int, ...]] = alone.way_by_eye
 _right_followed: Callable[..., Any] = election.followed
 _right_standing: Callable[..., Any] = election.standing
@@ -260,7 +260,7 @@ MUTANTS = (
     Mutant("a warden begins again from all that chairs hold", networked_warden, "kept", _kept_front),
     Mutant("a chair without order stays taken", networked_warden, "_with_closed", lambda office, state, now: state),
     Mutant("what was not entered is given back", peer.Peer, "_give_back", lambda self: None),
-    Mutant("an older State is nothing", memory.Heard, "take_state", _state_out_of_order),
+    Mutant("an older State is nothing", memory.HeardOthers, "take_state", _state_out_of_order),
     Mutant("a silent chair is missed", networked_warden, "SILENT_NS", 10**12),
     Mutant("a chair that misses another one looks", peer.Peer, "_authority", _authority_unseen),
     Mutant("alone mode is announced", peer.Peer, "_choose_mode", _alone_at_once),

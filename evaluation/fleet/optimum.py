@@ -20,7 +20,7 @@ MOST_NODES = 5_000
 """Conflicts looked at before an instance is given up as not proved."""
 
 
-class Entry(NamedTuple):
+class SectionEntry(NamedTuple):
     """A chair's entry into a section from a node at a time [s]; it is at the other end after `takes_s`."""
 
     section: str
@@ -58,15 +58,15 @@ def least_mean_delay(graph: TrafficGraph, starts: Sequence[str], goals: Sequence
     return None
 
 
-def _cost(plans: Sequence[Sequence[Entry]]) -> float:
+def _cost(plans: Sequence[Sequence[SectionEntry]]) -> float:
     return sum(plan[-1].enters_s + plan[-1].takes_s for plan in plans if plan)
 
 
 def _conflicts(
-    graph: TrafficGraph, plans: Sequence[Sequence[Entry]]
-) -> list[tuple[tuple[int, Entry], tuple[int, Entry]]]:
+    graph: TrafficGraph, plans: Sequence[Sequence[SectionEntry]]
+) -> list[tuple[tuple[int, SectionEntry], tuple[int, SectionEntry]]]:
     """Return all pairs of entries by which two chairs would meet, the earliest first."""
-    by_section: dict[str, list[tuple[int, Entry]]] = {}
+    by_section: dict[str, list[tuple[int, SectionEntry]]] = {}
     for chair, plan in enumerate(plans):
         for entry in plan:
             if graph.section[entry.section].lanes == 1:
@@ -84,10 +84,10 @@ def _conflicts(
     return sorted(found, key=lambda pair: (max(pair[0][1].enters_s, pair[1][1].enters_s), pair[0][0], pair[1][0]))
 
 
-def _earliest(graph: TrafficGraph, start: str, goal: str, forbidden: Forbidden) -> list[Entry]:
+def _earliest(graph: TrafficGraph, start: str, goal: str, forbidden: Forbidden) -> list[SectionEntry]:
     """Return the entries of the earliest arrival; a chair waits at nodes for as long as it likes."""
-    came: dict[str, Entry | None] = {}
-    waiting: list[tuple[float, int, str, Entry | None]] = [(0.0, 0, start, None)]
+    came: dict[str, SectionEntry | None] = {}
+    waiting: list[tuple[float, int, str, SectionEntry | None]] = [(0.0, 0, start, None)]
     number = count(1)
     while goal not in came:
         time, _, name, entry = heapq.heappop(waiting)
@@ -102,9 +102,9 @@ def _earliest(graph: TrafficGraph, start: str, goal: str, forbidden: Forbidden) 
                 if first - 1e-9 <= enters < last:
                     enters = last
             takes = graph.section[move.section].seconds(PAPER_SPEED)
-            entering = Entry(move.section, name, move.end, enters, takes)
+            entering = SectionEntry(move.section, name, move.end, enters, takes)
             heapq.heappush(waiting, (enters + takes, next(number), move.end, entering))
-    plan: list[Entry] = []
+    plan: list[SectionEntry] = []
     step = came[goal]
     while step is not None:
         plan.append(step)

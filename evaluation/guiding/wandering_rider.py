@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from waychair.control.guidance.guidance import Guidance, GuidanceView, Guiding, begun, step
-from waychair.control.guidance.practice import BEFORE, Decision, Practice
+from waychair.control.guidance.practice import BEFORE, Practice, RiderDecision
 from waychair.control.guidance.telling import Cue
 from waychair.geometry import wrap_angle
 from waychair.maps.building.hgraph import NodeRef
@@ -329,8 +329,8 @@ def _scored(
 ) -> _Choice | None:
     """Return the choice that still waits to be recognised; count those that were, in time or wrongly."""
     decided = guiding.decided
-    strays = decided is not None and decided.decision in (Decision.OTHER, Decision.TURNED_BACK)
-    if decided is not None and decided.decision is not Decision.HESITATED:
+    strays = decided is not None and decided.decision in (RiderDecision.OTHER, RiderDecision.TURNED_BACK)
+    if decided is not None and decided.decision is not RiderDecision.HESITATED:
         score.decisions += 1
     if strays and not now.replanned:
         score.late_plans += 1
@@ -355,7 +355,7 @@ def _scored(
     waited_s = 0.0 if choice.clear_ns is None else (now.ns - choice.clear_ns) * 1e-9
     if choice.proposed:
         return None if waited_s > RECOGNISED_S else choice
-    followed = decided is not None and decided.decision is Decision.FOLLOWED and edge == choice.edge
+    followed = decided is not None and decided.decision is RiderDecision.FOLLOWED and edge == choice.edge
     if edge == choice.edge and not followed and (choice.clear_ns is not None or strays):
         score.others += 1
         score.delays_s.append(waited_s)

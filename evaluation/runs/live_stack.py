@@ -66,7 +66,7 @@ _FORGIVEN = {"board_host_silent"}
 
 
 @dataclass(slots=True)
-class Seen:
+class SeenMessages:
     """Messages of a topic in the last minute or so: (wall time of arrival [ns], message)."""
 
     all: deque[tuple[int, Any]] = field(default_factory=lambda: deque(maxlen=4000))
@@ -96,8 +96,13 @@ class LiveStack:
         if "--page" not in arguments:
             self._command.append("--no-page")
         self.client = ChairClient("onlooker", domain=domain, namespace=namespace)
-        self.states, self.places, self.lines, self.truth = Seen(), Seen(), Seen(), Seen()
-        self.requests = Seen()
+        self.states, self.places, self.lines, self.truth = (
+            SeenMessages(),
+            SeenMessages(),
+            SeenMessages(),
+            SeenMessages(),
+        )
+        self.requests = SeenMessages()
         self.listen(topics.DRIVE_REQUEST, read_drive_request, self.requests)
         self.listen(topics.DRIVE_STATE, read_drive_state, self.states)
         self.listen(topics.LOCALISATION, read_localisation, self.places)
@@ -160,7 +165,7 @@ class LiveStack:
         """Whether the computer drives, by the bridge's last report."""
         return self.state is not None and self.state.driving
 
-    def listen(self, topic: topics.RosTopic, read: Callable[[Any], Any], seen: Seen) -> None:
+    def listen(self, topic: topics.RosTopic, read: Callable[[Any], Any], seen: SeenMessages) -> None:
         """Collect the messages of a topic."""
 
         def take(data: bytes) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.scenes.long_buildings import long_drive, write_log
+from evaluation.scenes.maps.long_buildings import long_drive, write_log
 from waychair.files import write_json
 from waychair.garbage import leave_out_present
 from waychair.kernel_cache import load_lightly

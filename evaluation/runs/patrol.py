@@ -34,7 +34,7 @@ _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PatrolSecond:
     """One second of the patrol: true pose, scan with drifting odometry, and image features."""
 
     truth: Pose2
@@ -57,7 +57,7 @@ class Patrol:
         heights = places.uniform(0.2, 2.2, len(self._landmarks))
         self._points = np.column_stack([self._landmarks, heights])
 
-    def sights(self) -> Iterator[Sight]:
+    def sights(self) -> Iterator[PatrolSecond]:
         """Yield the sights, for ever."""
         odometry, before, rng = Pose2(), None, self._rng
         for second, truth in enumerate(self._poses()):
@@ -69,7 +69,7 @@ class Patrol:
             before = truth
             stamp = second * _SECOND
             scan = Scan(stamp, _ranges(truth), -math.pi, math.tau / _BEAMS, range_max=25.0)
-            yield Sight(truth, SensorFrame(stamp, scan, wheels=(Odometry(stamp, odometry),)), self._view(truth))
+            yield PatrolSecond(truth, SensorFrame(stamp, scan, wheels=(Odometry(stamp, odometry),)), self._view(truth))
 
     def _poses(self) -> Iterator[Pose2]:
         """Yield poses along the corridors from crossing to crossing, with stops."""

@@ -1,4 +1,4 @@
-"""A drive of the complete simulated chair through a `Situation`, watched as its rider would: rests, turns, words."""
+"""A drive of the complete simulated chair through a `DrivenSituation`, watched as its rider would: rests, turns, words."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
-from evaluation.scenes.situations import Event, Situation
+from evaluation.scenes.situations import DrivenSituation, SituationEvent
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.drive.navigation import ACTIVE, Stage
@@ -16,7 +16,7 @@ from waychair.geometry import wrap_angle
 from waychair.runtime.chair import Chair, ChairState
 from waychair.simulation.simulator import Simulator
 from waychair.topics import COMMAND
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import READY_S, DriveSetup, advance_tick, simulated_chair
 from waychair.types import Goal, JoystickInput, Pose2, Twist
 
@@ -47,7 +47,7 @@ CAUSES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class WatchedDrive:
     """What a rider saw: `rest_s` is the longest rest in a drive without a sentence, `unsaid_s` without an estimate, too.
 
     `turned` [degrees] and `reversals` are the most in a row. `texts` holds each sentence with its seconds.
@@ -74,7 +74,7 @@ def cause_named(text: str) -> str:
     return next((cause for cause, words in CAUSES if re.search(words, text)), "")
 
 
-def watch(found: Situation, seed: int) -> Watched:
+def watch(found: DrivenSituation, seed: int) -> WatchedDrive:
     """Drive a simulated chair of this seed through a situation.
 
     Raises:
@@ -104,7 +104,7 @@ def watch(found: Situation, seed: int) -> Watched:
 class _Rider:
     """Watches a drive tick by tick."""
 
-    def __init__(self, situation: Situation) -> None:
+    def __init__(self, situation: DrivenSituation) -> None:
         self._situation = situation
         self._events = list(situation.events)
         self._texts: Counter[str] = Counter()
@@ -142,7 +142,7 @@ class _Rider:
         for event in due:
             self._happen(simulator, chair, event)
 
-    def _happen(self, simulator: Simulator, chair: Chair, event: Event) -> None:
+    def _happen(self, simulator: Simulator, chair: Chair, event: SituationEvent) -> None:
         if event.what == "leave":
             simulator.populate(())
         elif event.what == "open" and self._situation.opened is not None:
@@ -169,7 +169,7 @@ class _Rider:
         self._longest_rest = max(self._longest_rest, self._rest)
         self._longest_unsaid = max(self._longest_unsaid, self._unsaid)
 
-    def report(self, simulator: Simulator, seed: int) -> Watched:
+    def report(self, simulator: Simulator, seed: int) -> WatchedDrive:
         found, state = self._situation, self._state
         stage = Stage.FAILED if self.refused or state is None else state.navigation.stage
         reason = self.refused or ("" if state is None else state.navigation.reason or state.verdict.reason)
@@ -181,7 +181,7 @@ class _Rider:
             outcome = "reached" if away <= goal.tolerance_m and turned <= goal.tolerance_rad else "missed"
         elif stage is Stage.FAILED:
             outcome = "given up" if self._way > 0.1 else "refused"
-        return Watched(
+        return WatchedDrive(
             kind=found.kind,
             seed=seed,
             outcome=outcome,

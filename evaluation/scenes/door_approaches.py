@@ -84,7 +84,7 @@ class Approach:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class ApproachOutcome:
     """An approach's outcome: distance [m] to the door when it was first offered (nan: never), the last estimate of it in
     odom, and whether any doorway near was ever said to be wide enough, or open."""
 
@@ -163,7 +163,7 @@ def behind_glass(count: int, seed: int, body: ChairBody = CHAIR_A) -> list[Appro
 
 def approach(
     case: Approach, looks: dict[str, Look], seed: int, body: ChairBody = CHAIR_A, listen: Listen | None = None
-) -> Found:
+) -> ApproachOutcome:
     """Drive one approach with sensors by name, and perhaps sonars, and return what the tracker found."""
     rng, tracker = np.random.default_rng(seed), DoorwayTracker()
     scale, bend = 1.0 + DRIFT * rng.standard_normal(), TURN_DRIFT * rng.standard_normal()
@@ -188,7 +188,7 @@ def approach(
         near = [door for door in tracker.doorways if _near(here @ door.pose, case.door)]
         said = said or any(door.wide_enough(body.width) for door in near)
         opened = opened or any(door.state is DoorState.OPEN for door in near)
-    return Found(first, last, said, opened)
+    return ApproachOutcome(first, last, said, opened)
 
 
 def lidar_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:

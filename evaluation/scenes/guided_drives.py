@@ -17,7 +17,7 @@ from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.rider import LIMITS, RiderModel
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.barn import upper_bound
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, GuidedTrial, guided_trial
 from waychair.trials.ride import RecordingSimulator

@@ -36,11 +36,11 @@ from waychair.simulation.plan.floor_plan import FloorPlan, PlanPit, PlanWall
 from waychair.simulation.plan.plan_blocks import fill_rectangle
 from waychair.simulation.plan.world import World, load_world, world_from_plan
 from waychair.simulation.scene.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
-from waychair.simulation.scene.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
+from waychair.simulation.scene.scene import MATERIALS, Block, PersonBehaviour, PersonPlan, Pit, Reflection
 from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.topics import SONAR
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.ride import RecordingSimulator, Ride, TrueMotion, ride_of
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
@@ -402,7 +402,7 @@ def robot_settings() -> ChairSettings:
     )
 
 
-_MOVER = PersonPlan(Behaviour.BOUNCE, np.zeros((1, 2)), speed=0.15, yields=False, radius=0.15)
+_MOVER = PersonPlan(PersonBehaviour.BOUNCE, np.zeros((1, 2)), speed=0.15, yields=False, radius=0.15)
 _CLEAR_OF_START = 0.6
 
 
@@ -422,7 +422,7 @@ def to_the_restroom(seed: int) -> Hazard:
     world = load_world("basement")
     start = Pose2(rng.uniform(1.2, 3.0), rng.uniform(1.2, 1.6), rng.uniform(-0.3, 0.3))
     sudden = PersonPlan(
-        Behaviour.SUDDEN,
+        PersonBehaviour.SUDDEN,
         np.array([[8.8, 3.4], [8.8, rng.uniform(1.0, 1.8)]]),
         speed=float(rng.uniform(0.8, 1.4)),
         trigger=float(rng.uniform(1.0, 3.0)),
@@ -434,7 +434,7 @@ def to_the_restroom(seed: int) -> Hazard:
 
 def _started_anywhere(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
     """Return the person with a start anywhere on the first part of the path."""
-    if person.behaviour not in (Behaviour.PATH, Behaviour.SOCIAL):
+    if person.behaviour not in (PersonBehaviour.PATH, PersonBehaviour.SOCIAL):
         return person
     first, second = person.path[:2]
     return replace(

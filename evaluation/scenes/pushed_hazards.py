@@ -24,8 +24,8 @@ from evaluation.scenes.hazards import (
 )
 from waychair.simulation.plan.floor_plan import PlanPit
 from waychair.simulation.plan.world import World, world_from_plan
-from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
-from waychair.trials.demo import randomised_settings
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonPlan
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import TICK_NS, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.ride import RecordingSimulator
@@ -97,7 +97,11 @@ def steps_out(seed: int) -> Hazard:
     x, side = float(rng.uniform(4.5, 6.0)), float(rng.choice([-1.0, 1.0]))
     path = np.array([[x, WIDTH / 2 + 1.2 * side], [x, WIDTH / 2 + float(rng.uniform(-0.3, 0.3))]])
     person = PersonPlan(
-        Behaviour.SUDDEN, path, speed=float(rng.uniform(0.8, 1.4)), yields=False, trigger=float(rng.uniform(2.0, 3.0))
+        PersonBehaviour.SUDDEN,
+        path,
+        speed=float(rng.uniform(0.8, 1.4)),
+        yields=False,
+        trigger=float(rng.uniform(2.0, 3.0)),
     )
     return _hazard("steps out", replace(_hall(), people=(person,)), rng, Protection.NOTHING)
 

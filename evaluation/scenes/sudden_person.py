@@ -13,9 +13,9 @@ from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.speed.limiter import LimiterSettings
 from waychair.geometry import transform_points
 from waychair.simulation.plan.world import world_from_plan
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.topics import COMMAND
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
 from waychair.trials.ride import RecordingSimulator, Ride, ride_of
 from waychair.types import Goal, Place, Pose2
@@ -69,7 +69,7 @@ def run_sudden_person(ahead_m: float, seed: int) -> SuddenPerson:
             pose = simulator.truth()
             if appeared_ns is None and pose.x > appears_x:
                 at = transform_points(pose, np.array([[CHAIR_A.front + ahead_m + _PERSON_RADIUS, across]]))
-                simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS)])
+                simulator.populate([PersonPlan(PersonBehaviour.PATH, at, radius=_PERSON_RADIUS)])
                 appeared_ns, speed = simulator.now_ns, simulator.twist().v
             elif appeared_ns is not None and abs(simulator.twist().v) < MOVING_SPEED:
                 break

@@ -24,7 +24,7 @@ from waychair.simulation.plan.floor_plan import FloorPlan, PlanDoor, PlanWall
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, with_all_sensors
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 

@@ -29,7 +29,7 @@ from waychair.maps.grid.distance_field import distance_field, near_distances
 from waychair.planning.body.footprint import fits
 from waychair.simulation.plan.world import World, load_world, world_from_grid
 from waychair.simulation.scene.contact import solid_from_blocks
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_place, simulated_chair
 from waychair.trials.navigate import with_closed_borders
 from waychair.trials.ride import RecordingSimulator, TrueMotion
@@ -48,7 +48,7 @@ _TRIES = 300
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class MappedWorld:
     """A true world and the chair's map of it, with the pose of the world in the map's frame."""
 
     name: str
@@ -84,26 +84,26 @@ class TimedDrive:
         return self.driven_s / self.best_s
 
 
-def ground_of_world(name: str, folder: Path) -> Ground:
+def ground_of_world(name: str, folder: Path) -> MappedWorld:
     """Return a shipped world without people, with the map that was made from its start."""
     world = load_world(name).without_people()
-    return Ground(name, world, load_map(folder), world.start.inverse())
+    return MappedWorld(name, world, load_map(folder), world.start.inverse())
 
 
-def ground_of_map(name: str, folder: Path) -> Ground:
+def ground_of_map(name: str, folder: Path) -> MappedWorld:
     """Return a real map, and the world raised from it."""
     grid = with_closed_borders(load_map(folder))
     free = points_from_cells(grid, np.argwhere(distance_field(grid).metres > _SEEN_M)[:1])[0]
-    return Ground(name, world_from_grid(grid, Pose2(*free.tolist())), grid, Pose2())
+    return MappedWorld(name, world_from_grid(grid, Pose2(*free.tolist())), grid, Pose2())
 
 
-def ground_of_plan(name: str) -> Ground:
+def ground_of_plan(name: str) -> MappedWorld:
     """Return a shipped world without people, with its plan as the map."""
     world = load_world(name).without_people()
-    return Ground(name, world, world.grid, Pose2())
+    return MappedWorld(name, world, world.grid, Pose2())
 
 
-def random_poses(ground: Ground, seed: int) -> tuple[Pose2, Pose2]:
+def random_poses(ground: MappedWorld, seed: int) -> tuple[Pose2, Pose2]:
     """Return a random start and goal in the world, at least 3 m apart, with a way for the exact outline between them.
 
     Raises:
@@ -125,7 +125,7 @@ def random_poses(ground: Ground, seed: int) -> tuple[Pose2, Pose2]:
     raise WorldError(f"'{ground.name}' has no two places {NEAREST_M:g} m apart with a way: take another world")
 
 
-def _roomy(ground: Ground) -> FloatArray:
+def _roomy(ground: MappedWorld) -> FloatArray:
     """Return the points (N, 2) [m] in the world at cells of the map that are free and far from anything."""
     grid = ground.grid
     unknown = near_distances(grid.cells < 0, grid.resolution, 2 * _SEEN_M)
@@ -134,13 +134,15 @@ def _roomy(ground: Ground) -> FloatArray:
     return transform_points(ground.map_from_world.inverse(), points)
 
 
-def best_of(ground: Ground, start: Pose2, goal: Pose2, body: ChairBody = CHAIR_A) -> BestDrive | PlanningError:
+def best_of(ground: MappedWorld, start: Pose2, goal: Pose2, body: ChairBody = CHAIR_A) -> BestDrive | PlanningError:
     """Return the best drive between two poses in the world, or the error that says why there is none."""
     solid = solid_from_blocks(ground.world.blocks, ground.world.pits)
     return kept_best_drive(solid, body, start, goal, comfort_of())
 
 
-def drives(ground: Ground, start: Pose2, goals: Sequence[Place], seed: int, armed: bool = False) -> list[TimedDrive]:
+def drives(
+    ground: MappedWorld, start: Pose2, goals: Sequence[Place], seed: int, armed: bool = False
+) -> list[TimedDrive]:
     """Drive chair A from a start to places in turn, all in the world's frame; return each drive beside its best.
 
     The best drive to a place begins where the chair stood. With `armed`, the time begins once the board is armed.
@@ -162,7 +164,7 @@ def drives(ground: Ground, start: Pose2, goals: Sequence[Place], seed: int, arme
     return found
 
 
-def _timed(ground: Ground, goal: Place, leg: DriveRecord, began: Pose2, motion: TrueMotion) -> TimedDrive:
+def _timed(ground: MappedWorld, goal: Place, leg: DriveRecord, began: Pose2, motion: TrueMotion) -> TimedDrive:
     best = best_of(ground, began, goal.pose)
     seconds, way, turned, problem = math.nan, math.nan, math.nan, ""
     if isinstance(best, BestDrive):

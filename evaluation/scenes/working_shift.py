@@ -22,7 +22,7 @@ from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.route.global_planner import plan
 from waychair.simulation.plan.world import World, load_world
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_place, simulated_chair
 from waychair.trials.navigate import with_walkers
 from waychair.trials.ride import RecordingSimulator

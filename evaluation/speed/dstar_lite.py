@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import NoPath
-from waychair.maps.grid.moving_ai import Query, load_free_cells, load_queries
+from waychair.maps.grid.moving_ai import ScenarioQuery, load_free_cells, load_queries
 from waychair.planning.grid.dstar_lite import DStarLite
 from waychair.planning.grid.grid_graph import FREE_PRICE, Cell, Prices
 from waychair.planning.grid.grid_search import shortest_cost
@@ -90,7 +90,7 @@ def map_names() -> list[str]:
     return sorted(path.stem for path in DATA.glob("*.map"))
 
 
-def long_queries(name: str) -> list[Query]:
+def long_queries(name: str) -> list[ScenarioQuery]:
     """Return queries, evenly chosen from the longer half of a scenario."""
     queries = load_queries(DATA / f"{name}.map.scen")
     return [queries[i] for i in np.linspace(len(queries) // 2, len(queries) - 1, QUERIES).astype(int)]
@@ -137,7 +137,9 @@ class _Question:
     kept: bool
 
 
-def _walk(prices: Prices, query: Query, kind: str, rng: np.random.Generator) -> tuple[list[_Question], list[float]]:
+def _walk(
+    prices: Prices, query: ScenarioQuery, kind: str, rng: np.random.Generator
+) -> tuple[list[_Question], list[float]]:
     """Walk one query with D* Lite; return its questions and the processor times [s] of undoing the changes."""
     planner = DStarLite(prices, query.goal, query.start)
     planner.replan()
@@ -166,7 +168,7 @@ def _walk(prices: Prices, query: Query, kind: str, rng: np.random.Generator) -> 
     return questions, back
 
 
-def _asked_anew(prices: Prices, query: Query, questions: list[_Question]) -> list[float]:
+def _asked_anew(prices: Prices, query: ScenarioQuery, questions: list[_Question]) -> list[float]:
     """Return A*'s processor time [s] for each question."""
     times = []
     for question in questions:

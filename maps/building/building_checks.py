@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from waychair.maps.building.connections import Connections, Part, folded, special_arcs
-from waychair.maps.building.graph_findings import Finding, Surroundings, error, warning
+from waychair.maps.building.connections import ConnectedSubmap, Connections, folded, special_arcs
+from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.hgraph import ROOT, HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
 
@@ -25,7 +25,7 @@ _DEEPEST, _MOST_ITEMS = 4, 7
 _SHOWN = 5
 
 
-def building_findings(hgraph: HGraph, linked: Connections, around: Surroundings) -> Iterator[Finding]:
+def building_findings(hgraph: HGraph, linked: Connections, around: GraphSurroundings) -> Iterator[GraphFinding]:
     """Yield the faults of the whole building, given how it is connected."""
     yield from _tree(hgraph)
     yield from _menus(hgraph)
@@ -43,7 +43,7 @@ def building_findings(hgraph: HGraph, linked: Connections, around: Surroundings)
     yield from _undriven(linked)
 
 
-def _tree(hgraph: HGraph) -> Iterator[Finding]:
+def _tree(hgraph: HGraph) -> Iterator[GraphFinding]:
     entered = {inner_end(submap, doorway).submap for submap in hgraph.submaps.values() for doorway in submap.doorways}
     for lift in hgraph.lifts.values():
         for stop in lift.stops:
@@ -62,7 +62,7 @@ def _tree(hgraph: HGraph) -> Iterator[Finding]:
             yield warning("W2", path, sentence, f"use at most {_DEEPEST} levels")
 
 
-def _menus(hgraph: HGraph) -> Iterator[Finding]:
+def _menus(hgraph: HGraph) -> Iterator[GraphFinding]:
     children = Counter(parent_path(path) for path in hgraph.submaps if path)
     for path, submap in hgraph.submaps.items():
         items = children[path] + sum(node.kind is NodeKind.END for node in submap.nodes.values())
@@ -71,7 +71,7 @@ def _menus(hgraph: HGraph) -> Iterator[Finding]:
             yield warning("W2", path, sentence, f"group them in sub-maps, at most {_MOST_ITEMS} in each")
 
 
-def _lift(hgraph: HGraph, lift: Lift, around: Surroundings) -> Iterator[Finding]:
+def _lift(hgraph: HGraph, lift: Lift, around: GraphSurroundings) -> Iterator[GraphFinding]:
     place = f"lift {lift.id}"
     if len(lift.stops) < 2:
         yield error("E8", place, f"lift '{lift.id}' has {len(lift.stops)} stops", "add stops, or delete it")
@@ -106,7 +106,7 @@ def _lift(hgraph: HGraph, lift: Lift, around: Surroundings) -> Iterator[Finding]
             yield error("E8", place, sentence, "take the lift out for this chair")
 
 
-def _lift_doors(lift: Lift, around: Surroundings) -> Iterator[Finding]:
+def _lift_doors(lift: Lift, around: GraphSurroundings) -> Iterator[GraphFinding]:
     """Yield the doors of a lift that are too narrow for this chair."""
     for stop in lift.stops:
         width = lift.door_width if stop.door_width is None else stop.door_width
@@ -119,7 +119,7 @@ def _lift_doors(lift: Lift, around: Surroundings) -> Iterator[Finding]:
             yield error("E6", stop.at, sentence, f"take the stop out for this chair: one of at most {fits:.2f} m fits")
 
 
-def _levels(hgraph: HGraph) -> Iterator[Finding]:
+def _levels(hgraph: HGraph) -> Iterator[GraphFinding]:
     """Yield doorways between storeys that a lift joins, unless they are ramps."""
     by_lift: dict[frozenset[str], str] = {}
     for lift in hgraph.lifts.values():
@@ -136,7 +136,7 @@ def _levels(hgraph: HGraph) -> Iterator[Finding]:
                 yield error("E9", ref, sentence, "mark it ramp=yes if it is one, else take it out")
 
 
-def _names(hgraph: HGraph, parts: dict[str, Part]) -> Iterator[Finding]:
+def _names(hgraph: HGraph, parts: dict[str, ConnectedSubmap]) -> Iterator[GraphFinding]:
     """Yield goals of different storeys, and sub-maps of one parent, that people cannot tell apart by name."""
     goals: dict[tuple[str, str], NodeRef] = {}
     for path, part in parts.items():
@@ -158,7 +158,7 @@ def _names(hgraph: HGraph, parts: dict[str, Part]) -> Iterator[Finding]:
                 yield error("E13", path, f"'{first_path}' and '{path}' are named alike", "rename one")
 
 
-def _maps(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
+def _maps(hgraph: HGraph, around: GraphSurroundings) -> Iterator[GraphFinding]:
     for storey in hgraph.storeys:
         if storey.id in around.missing:
             yield error("E16", f"storey {storey.id}", f"the map of storey '{storey.id}' is missing", "restore it")
@@ -169,7 +169,7 @@ def _maps(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
             )
 
 
-def _reach(hgraph: HGraph, linked: Connections) -> Iterator[Finding]:
+def _reach(hgraph: HGraph, linked: Connections) -> Iterator[GraphFinding]:
     goals = [
         (NodeRef(path, key), linked.first[path] + part.index[key])
         for path, part in linked.parts.items()
@@ -198,7 +198,7 @@ def _reach(hgraph: HGraph, linked: Connections) -> Iterator[Finding]:
                 yield warning("E18", stop.at, sentence, "open it, or add another lift")
 
 
-def _undriven(linked: Connections) -> Iterator[Finding]:
+def _undriven(linked: Connections) -> Iterator[GraphFinding]:
     """Yield nodes that nobody has driven past, once some drives have been measured."""
     if any(part.driven.any() for part in linked.parts.values()):
         for path, part in linked.parts.items():

@@ -18,7 +18,7 @@ from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
     Closure,
-    Doorway,
+    GraphDoorway,
     HGraph,
     Lift,
     NodeKind,
@@ -131,7 +131,7 @@ def _joined(hgraph: HGraph, now_ns: int | None) -> list[_Joined]:
     """Return the open arcs and doorways; two that join the same nodes are one, the wider."""
     found: dict[frozenset[NodeRef], _Joined] = {}
     for path, submap in hgraph.submaps.items():
-        both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+        both: tuple[Arc | GraphDoorway, ...] = (*submap.arcs, *submap.doorways)
         for arc in both:
             if _holds(arc.way.closure, now_ns):
                 continue

@@ -35,7 +35,7 @@ def folded(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ConnectedSubmap:
     """One sub-map: its nodes' places by id, goals with their folded names, open directed arcs (A, 2), its arcs that are
     one-way or closed, and whether one of its arcs was driven, by node (N,)."""
 
@@ -46,7 +46,7 @@ class Part:
     driven: BoolArray
 
 
-def part_of(submap: SubMap) -> Part:
+def part_of(submap: SubMap) -> ConnectedSubmap:
     """Return the arrays of a sub-map."""
     index = {key: at for at, key in enumerate(submap.nodes)}
     rows: list[Edge] = []
@@ -63,7 +63,7 @@ def part_of(submap: SubMap) -> Part:
         if arc.way.drive_s is not None:
             driven[one] = driven[other] = True
     goals = tuple((node.id, folded(node.name)) for node in submap.nodes.values() if node.kind is NodeKind.END)
-    return Part(index, goals, np.array(rows, np.int64).reshape(-1, 2), tuple(special), driven)
+    return ConnectedSubmap(index, goals, np.array(rows, np.int64).reshape(-1, 2), tuple(special), driven)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class Connections:
     node (N,) by open arcs, doorways and lifts."""
 
     first: dict[str, int]
-    parts: dict[str, Part]
+    parts: dict[str, ConnectedSubmap]
     component: NDArray[np.int32]
 
     def number(self, ref: NodeRef) -> int | None:
@@ -93,7 +93,7 @@ class Connections:
         return found
 
 
-def connections(hgraph: HGraph, parts: dict[str, Part]) -> Connections:
+def connections(hgraph: HGraph, parts: dict[str, ConnectedSubmap]) -> Connections:
     """Return how a building is connected, given the arrays of its sub-maps."""
     first, count = {}, 0
     for path, part in parts.items():

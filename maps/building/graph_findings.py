@@ -10,7 +10,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.types import OccupancyGrid, Place
 
 
-class Severity(enum.StrEnum):
+class FindingSeverity(enum.StrEnum):
     """An error forbids driving by the graph; a warning does not."""
 
     ERROR = "error"
@@ -18,11 +18,11 @@ class Severity(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class GraphFinding:
     """A fault: its code (E1 to E18, W1 to W3), severity, place (an address), and a sentence with the remedy."""
 
     code: str
-    severity: Severity
+    severity: FindingSeverity
     place: str
     sentence: str
     remedy: str
@@ -33,7 +33,7 @@ Driven = Callable[[str, tuple[float, float], tuple[float, float]], float | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class GraphSurroundings:
     """The surroundings against which a graph is checked; parts that are not given are not checked.
 
     `width`, `length` [m] of the chair's body; `grids` and `places` by storey; `driven` asks the grid planner; `missing`
@@ -55,15 +55,15 @@ class Surroundings:
     guides: bool = False
 
 
-NO_SURROUNDINGS = Surroundings()
+NO_SURROUNDINGS = GraphSurroundings()
 """Only the graph itself is checked."""
 
 
-def error(code: str, place: object, sentence: str, remedy: str) -> Finding:
+def error(code: str, place: object, sentence: str, remedy: str) -> GraphFinding:
     """Return an error."""
-    return Finding(code, Severity.ERROR, str(place), sentence, remedy)
+    return GraphFinding(code, FindingSeverity.ERROR, str(place), sentence, remedy)
 
 
-def warning(code: str, place: object, sentence: str, remedy: str) -> Finding:
+def warning(code: str, place: object, sentence: str, remedy: str) -> GraphFinding:
     """Return a warning."""
-    return Finding(code, Severity.WARNING, str(place), sentence, remedy)
+    return GraphFinding(code, FindingSeverity.WARNING, str(place), sentence, remedy)

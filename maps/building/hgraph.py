@@ -129,7 +129,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True)
-class Doorway:
+class GraphDoorway:
     """A horizontal bridge, stored in the parent: from its node `start` into the child, to its node `node`.
 
     `child` is the last part of the child's path. A one-way doorway leads into the child, with `outwards` out of it.
@@ -153,7 +153,7 @@ class Beacon:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SubmapFrame:
     """A sub-map's frame in its parent's: `parent = (x, y) + scale * R(theta) * child`."""
 
     x: float = 0.0
@@ -172,11 +172,11 @@ class Frame:
         c, s = math.cos(self.theta) / self.scale, math.sin(self.theta) / self.scale
         return c * dx + s * dy, c * dy - s * dx
 
-    def __matmul__(self, other: Frame) -> Frame:
+    def __matmul__(self, other: SubmapFrame) -> SubmapFrame:
         """Return the frame of `other`, which lies in this one, in this one's parent."""
         x, y = self.point(other.x, other.y)
         theta = math.remainder(self.theta + other.theta, math.tau)
-        return Frame(x, y, theta, self.scale * other.scale)
+        return SubmapFrame(x, y, theta, self.scale * other.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,11 +189,11 @@ class SubMap:
 
     path: str
     name: str = ""
-    frame: Frame = Frame()
+    frame: SubmapFrame = SubmapFrame()
     storey: str = ""
     nodes: Mapping[str, Node] = field(default_factory=dict)
     arcs: tuple[Arc, ...] = ()
-    doorways: tuple[Doorway, ...] = ()
+    doorways: tuple[GraphDoorway, ...] = ()
     beacons: tuple[Beacon, ...] = ()
     source: object = field(default=None, compare=False, repr=False)
 
@@ -281,27 +281,27 @@ class HGraph:
                 return ""
             path = parent_path(path)
 
-    def frame_of(self, path: str) -> Frame:
+    def frame_of(self, path: str) -> SubmapFrame:
         """Return a sub-map's frame in the building's."""
-        frame = Frame()
+        frame = SubmapFrame()
         for each in ancestors(path):
             if each in self.submaps:
                 frame = frame @ self.submaps[each].frame
         return frame
 
-    def map_frame_of(self, path: str) -> Frame:
+    def map_frame_of(self, path: str) -> SubmapFrame:
         """Return a sub-map's frame in its storey's map, which is the frame of the storey's uppermost sub-map."""
-        storey, frame, is_inside = self.storey_of(path), Frame(), False
+        storey, frame, is_inside = self.storey_of(path), SubmapFrame(), False
         for each in ancestors(path):
             if is_inside and each in self.submaps:
                 frame = frame @ self.submaps[each].frame
             is_inside = is_inside or self.storey_of(each) == storey
         return frame
 
-    def storey_frame(self, storey: str) -> Frame:
+    def storey_frame(self, storey: str) -> SubmapFrame:
         """Return the frame of a storey's map in the building's: that of its uppermost sub-map, if it has one."""
         path = next((each for each in self.submaps if self.storey_of(each) == storey), None)
-        return Frame() if path is None else self.frame_of(path)
+        return SubmapFrame() if path is None else self.frame_of(path)
 
 
 def parent_path(path: str) -> str:
@@ -320,7 +320,7 @@ def child_path(parent: str, child: str) -> str:
     return f"{parent}/{child}" if parent else child
 
 
-def inner_end(submap: SubMap, doorway: Doorway) -> NodeRef:
+def inner_end(submap: SubMap, doorway: GraphDoorway) -> NodeRef:
     """Return the address of a doorway's node in the child; `submap` stores the doorway."""
     return NodeRef(child_path(submap.path, doorway.child), doorway.node)
 

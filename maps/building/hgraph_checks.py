@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from waychair.maps.building.building_checks import building_findings
-from waychair.maps.building.connections import Part, connections, part_of
-from waychair.maps.building.graph_findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
-from waychair.maps.building.hgraph import Frame, HGraph, SubMap, parent_path
+from waychair.maps.building.connections import ConnectedSubmap, connections, part_of
+from waychair.maps.building.graph_findings import NO_SURROUNDINGS, FindingSeverity, GraphFinding, GraphSurroundings
+from waychair.maps.building.hgraph import HGraph, SubMap, SubmapFrame, parent_path
 from waychair.maps.building.storey_checks import (
     Crossings,
     Outline,
@@ -25,10 +25,10 @@ from waychair.maps.building.storey_checks import (
 )
 from waychair.maps.building.submap_checks import Outside, outsides, submap_findings
 
-__all__ = ["Checker", "Finding", "Severity", "Surroundings", "check"]
+__all__ = ["Checker", "FindingSeverity", "GraphFinding", "GraphSurroundings", "check"]
 
 
-def check(hgraph: HGraph, around: Surroundings = NO_SURROUNDINGS) -> tuple[Finding, ...]:
+def check(hgraph: HGraph, around: GraphSurroundings = NO_SURROUNDINGS) -> tuple[GraphFinding, ...]:
     """Return all faults and warnings of a building's graph, by sub-map, then those of the whole building."""
     return Checker(around).check(hgraph)
 
@@ -36,14 +36,14 @@ def check(hgraph: HGraph, around: Surroundings = NO_SURROUNDINGS) -> tuple[Findi
 class Checker:
     """Checks a graph again after each edit; sub-maps that are the same objects as before are not checked again."""
 
-    def __init__(self, around: Surroundings = NO_SURROUNDINGS) -> None:
+    def __init__(self, around: GraphSurroundings = NO_SURROUNDINGS) -> None:
         self._around = around
         self._kept: dict[str, _Checked] = {}
-        self._parts: dict[str, tuple[SubMap, Part]] = {}
+        self._parts: dict[str, tuple[SubMap, ConnectedSubmap]] = {}
         self._outlines: dict[str, Outline] = {}
         self._crossings = Crossings()
 
-    def check(self, hgraph: HGraph, around: Surroundings | None = None) -> tuple[Finding, ...]:
+    def check(self, hgraph: HGraph, around: GraphSurroundings | None = None) -> tuple[GraphFinding, ...]:
         """Return all faults and warnings of a graph; `around`: its surroundings from now on, None for those of before.
 
         A sub-map is checked again where the places, zones or grid of its storey are other objects than before; all are
@@ -85,11 +85,11 @@ class Checker:
         around = self._around
         return around.grids.get(storey), around.places.get(storey), around.zones.get(storey)
 
-    def _part(self, path: str, submap: SubMap) -> tuple[SubMap, Part]:
+    def _part(self, path: str, submap: SubMap) -> tuple[SubMap, ConnectedSubmap]:
         kept = self._parts.get(path)
         return kept if kept is not None and kept[0] is submap else (submap, part_of(submap))
 
-    def _outline(self, submap: SubMap, frame: Frame) -> Outline:
+    def _outline(self, submap: SubMap, frame: SubmapFrame) -> Outline:
         kept = self._outlines.get(submap.path)
         return kept if kept is not None and kept.submap is submap and kept.frame == frame else outline_of(submap, frame)
 
@@ -99,20 +99,20 @@ class _Checked:
     """A sub-map's findings and detours, and the objects that they depend on."""
 
     seen: tuple[object, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[GraphFinding, ...]
     detours: tuple[Suspect, ...]
 
 
-def _whole(around: Surroundings) -> tuple[object, ...]:
+def _whole(around: GraphSurroundings) -> tuple[object, ...]:
     """Return the surroundings that count for every sub-map."""
     return around.width, around.length, around.driven, around.turns, around.guides
 
 
-def _frames(hgraph: HGraph) -> dict[str, Frame]:
+def _frames(hgraph: HGraph) -> dict[str, SubmapFrame]:
     """Return each sub-map's frame in the building's."""
-    frames: dict[str, Frame] = {}
+    frames: dict[str, SubmapFrame] = {}
     for path, submap in hgraph.submaps.items():
-        parent = frames.get(parent_path(path)) if path else Frame()
+        parent = frames.get(parent_path(path)) if path else SubmapFrame()
         frames[path] = hgraph.frame_of(path) if parent is None else parent @ submap.frame
     return frames
 
@@ -127,6 +127,6 @@ def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | None]:
 
 def _are_same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
     return len(one) == len(other) and all(
-        first is second or (isinstance(first, Outside | Frame) and first == second)
+        first is second or (isinstance(first, Outside | SubmapFrame) and first == second)
         for first, second in zip(one, other, strict=True)
     )

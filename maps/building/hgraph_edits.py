@@ -13,7 +13,7 @@ from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
     Closure,
-    Doorway,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -26,7 +26,7 @@ from waychair.maps.building.hgraph import (
 FEWEST_DRIVES = 5
 """Drives along an arc from which on their median replaces the estimate of its cost."""
 
-A = TypeVar("A", Arc, Doorway)
+A = TypeVar("A", Arc, GraphDoorway)
 
 
 def with_submap(hgraph: HGraph, submap: SubMap) -> HGraph:
@@ -118,7 +118,7 @@ def opened(hgraph: HGraph, ref: ArcRef) -> HGraph:
     return with_way(hgraph, ref, closure=None)
 
 
-def arc_ref(submap: SubMap, arc: Arc | Doorway) -> ArcRef:
+def arc_ref(submap: SubMap, arc: Arc | GraphDoorway) -> ArcRef:
     """Return the address of an arc or doorway of a sub-map."""
     end = arc.end if isinstance(arc, Arc) else f"{arc.child}:{arc.node}"
     return ArcRef(submap.path, arc.start, end)
@@ -128,7 +128,7 @@ def _is_arc(arc: Arc, ref: ArcRef) -> bool:
     return {arc.start, arc.end} == {ref.start, ref.end}
 
 
-def _is_doorway(doorway: Doorway, ref: ArcRef) -> bool:
+def _is_doorway(doorway: GraphDoorway, ref: ArcRef) -> bool:
     return {doorway.start, f"{doorway.child}:{doorway.node}"} == {ref.start, ref.end}
 
 

@@ -16,11 +16,11 @@ from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
     Closure,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Lift,
     NodeRef,
+    SubmapFrame,
     Way,
     inner_end,
     parent_path,
@@ -147,7 +147,7 @@ def _parents_first(hgraph: HGraph) -> list[str]:
     return found
 
 
-def _frames(hgraph: HGraph, paths: list[str]) -> dict[str, Frame]:
+def _frames(hgraph: HGraph, paths: list[str]) -> dict[str, SubmapFrame]:
     frames = {ROOT: hgraph.submaps[ROOT].frame}
     for path in paths[1:]:
         frames[path] = frames[parent_path(path)] @ hgraph.submaps[path].frame
@@ -163,7 +163,7 @@ def _ways(
 ) -> Iterator[_Directed]:
     for path in paths:
         submap = hgraph.submaps[path]
-        both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+        both: tuple[Arc | GraphDoorway, ...] = (*submap.arcs, *submap.doorways)
         for arc in both:
             one = index[NodeRef(path, arc.start)]
             if isinstance(arc, Arc):
@@ -177,7 +177,7 @@ def _ways(
                 other = index[inner]
             distance = math.dist(xy[one], xy[other])
             cost = max(1, millimetres(arc_cost_m(arc.way, distance, hgraph.costs)))
-            outwards = isinstance(arc, Doorway) and arc.way.one_way and arc.outwards
+            outwards = isinstance(arc, GraphDoorway) and arc.way.one_way and arc.outwards
             is_open, owner = _is_open(arc.way.closure, now_ns), arc_ref(submap, arc)
             if not outwards:
                 yield _Directed(one, other, cost, is_open, owner)

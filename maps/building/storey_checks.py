@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from waychair.maps.building.graph_findings import Finding, Surroundings, error, warning
-from waychair.maps.building.hgraph import Frame, HGraph, NodeRef, SubMap, inner_end
+from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings, error, warning
+from waychair.maps.building.hgraph import HGraph, NodeRef, SubMap, SubmapFrame, inner_end
 from waychair.types import BoolArray, FloatArray, IntArray
 
 SAME_M = 0.3
@@ -37,7 +37,7 @@ LARGEST_M = 2000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class CheckedDoorway:
     """A doorway: its node in the parent, its node in the child, and the place [m] of the latter."""
 
     outer: NodeRef
@@ -52,14 +52,14 @@ class Outline:
     and the box round the arcs (4,): least x, y, largest x, y [m]."""
 
     submap: SubMap
-    frame: Frame
+    frame: SubmapFrame
     points: FloatArray
     arcs: IntArray
     is_open: BoolArray
     box: FloatArray
 
 
-def outline_of(submap: SubMap, frame: Frame) -> Outline:
+def outline_of(submap: SubMap, frame: SubmapFrame) -> Outline:
     """Return the outline of a sub-map whose frame in the building's is given."""
     index = {key: at for at, key in enumerate(submap.nodes)}
     points = np.array([frame.point(node.x, node.y) for node in submap.nodes.values()]).reshape(-1, 2)
@@ -74,9 +74,9 @@ class Crossings:
     """Finds arcs of different sub-maps that cross; pairs of sub-maps that have not changed are not searched again."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[str, str], tuple[Outline, Outline, tuple[Finding, ...]]] = {}
+        self._kept: dict[tuple[str, str], tuple[Outline, Outline, tuple[GraphFinding, ...]]] = {}
 
-    def findings(self, storeys: list[list[Outline]]) -> Iterator[Finding]:
+    def findings(self, storeys: list[list[Outline]]) -> Iterator[GraphFinding]:
         """Yield the crossings between the sub-maps of each storey."""
         before, self._kept = self._kept, {}
         for here in storeys:
@@ -105,9 +105,9 @@ def storey_findings(
     hgraph: HGraph,
     outlines: Mapping[str, Outline],
     suspects: Iterable[Suspect],
-    around: Surroundings,
+    around: GraphSurroundings,
     crossings: Crossings,
-) -> Iterator[Finding]:
+) -> Iterator[GraphFinding]:
     """Yield the faults between the sub-maps of each storey; `suspects` are the detours within each sub-map."""
     by_storey: dict[str, list[Outline]] = {}
     for path, outline in outlines.items():
@@ -142,7 +142,7 @@ def _ref(outline: Outline, index: int) -> NodeRef:
     return NodeRef(outline.submap.path, list(outline.submap.nodes)[index])
 
 
-def _almost_joined(here: list[Outline]) -> Iterator[Finding]:
+def _almost_joined(here: list[Outline]) -> Iterator[GraphFinding]:
     """Yield nodes of different sub-maps that almost touch, though no doorway joins them."""
     owners = np.repeat(np.arange(len(here)), [len(each.points) for each in here])
     if len(here) < 2 or not len(owners):
@@ -168,7 +168,7 @@ def _almost_joined(here: list[Outline]) -> Iterator[Finding]:
         yield warning("E12", ends[0], sentence, "join them by a doorway, or move one")
 
 
-def _crossed(one: Outline, other: Outline) -> Iterator[Finding]:
+def _crossed(one: Outline, other: Outline) -> Iterator[GraphFinding]:
     parts = []
     for each, box in ((one, other.box), (other, one.box)):
         starts, stops = each.points[each.arcs[:, 0]], each.points[each.arcs[:, 1]]
@@ -183,7 +183,7 @@ def _crossed(one: Outline, other: Outline) -> Iterator[Finding]:
         yield warning("E12", ref, sentence, "put a doorway where they meet, or move one")
 
 
-def _size(storey: str, here: list[Outline]) -> Iterator[Finding]:
+def _size(storey: str, here: list[Outline]) -> Iterator[GraphFinding]:
     points = [each.points for each in here if len(each.points)]
     if not points:
         return
@@ -194,7 +194,7 @@ def _size(storey: str, here: list[Outline]) -> Iterator[Finding]:
         yield error("E17", f"storey {storey}", sentence, "correct the frames of its sub-maps: they are metres")
 
 
-def _places(storey: str, here: list[Outline], around: Surroundings) -> Iterator[Finding]:
+def _places(storey: str, here: list[Outline], around: GraphSurroundings) -> Iterator[GraphFinding]:
     """Yield places of a storey's map that are no goal of the graph."""
     goals = {node.name for each in here for node in each.submap.nodes.values() if node.name}
     for name in around.places.get(storey, {}):
@@ -229,7 +229,7 @@ def detours_within(hgraph: HGraph, outline: Outline) -> tuple[Suspect, ...]:
 
 def _detours(
     hgraph: HGraph, here: list[Outline], outlines: Mapping[str, Outline], suspects: list[Suspect]
-) -> Iterator[Finding]:
+) -> Iterator[GraphFinding]:
     """Yield doors of two rooms of a storey that are close to each other, but far by driving, whichever way on the storey."""
     doors = [door for each in here for door in _doors(hgraph, each.submap, outlines)]
     pairs = suspects + [(doors[i].inner, doors[j].inner, line) for i, j, line in _near_rooms(doors, same_parent=False)]
@@ -255,7 +255,7 @@ def _detours(
             yield warning("W1", one, sentence, "look whether a doorway between them is missing")
 
 
-def _doors(hgraph: HGraph, submap: SubMap, outlines: Mapping[str, Outline] | None = None) -> list[Door]:
+def _doors(hgraph: HGraph, submap: SubMap, outlines: Mapping[str, Outline] | None = None) -> list[CheckedDoorway]:
     """Return the open doorways of a sub-map that have both sides."""
     found = []
     for doorway in submap.doorways:
@@ -263,11 +263,11 @@ def _doors(hgraph: HGraph, submap: SubMap, outlines: Mapping[str, Outline] | Non
         node = hgraph.node(end)
         if node is not None and doorway.way.closure is None:
             frame = hgraph.frame_of(end.submap) if outlines is None else outlines[end.submap].frame
-            found.append(Door(NodeRef(submap.path, doorway.start), end, *frame.point(node.x, node.y)))
+            found.append(CheckedDoorway(NodeRef(submap.path, doorway.start), end, *frame.point(node.x, node.y)))
     return found
 
 
-def _near_rooms(doors: list[Door], same_parent: bool) -> list[tuple[int, int, float]]:
+def _near_rooms(doors: list[CheckedDoorway], same_parent: bool) -> list[tuple[int, int, float]]:
     """Return the pairs of doors of different rooms, of one parent or of two, that are near each other: indices, metres."""
     if len(doors) < 2:
         return []
@@ -283,7 +283,7 @@ def _near_rooms(doors: list[Door], same_parent: bool) -> list[tuple[int, int, fl
     return sorted((i, j, line) for (i, j), line in rows)
 
 
-def _lengths(here: list[Outline], doors: list[Door], number: Mapping[NodeRef, int]) -> csr_array:
+def _lengths(here: list[Outline], doors: list[CheckedDoorway], number: Mapping[NodeRef, int]) -> csr_array:
     """Return the lengths [m] of the open arcs and doorways of a storey, by the numbers of their nodes."""
     rows, lengths, first = [], [], 0
     for outline in here:

@@ -12,16 +12,16 @@ from scipy.spatial import cKDTree
 
 from waychair.maps.building.building_checks import BESIDE_M
 from waychair.maps.building.connections import folded
-from waychair.maps.building.graph_findings import Finding, Severity, Surroundings, error, warning
+from waychair.maps.building.graph_findings import FindingSeverity, GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.hgraph import (
     Arc,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Node,
     NodeKind,
     NodeRef,
     SubMap,
+    SubmapFrame,
     inner_end,
     parent_path,
 )
@@ -50,13 +50,13 @@ _NARROWEST_DOOR_M, _WIDEST_DOOR_M = 0.3, 3.0
 class Outside:
     """What leads into a sub-map: the doorways of its parent that do, and its nodes at which a lift stops."""
 
-    doorways: tuple[Doorway, ...] = ()
+    doorways: tuple[GraphDoorway, ...] = ()
     lifts: frozenset[str] = frozenset()
 
 
 def outsides(hgraph: HGraph) -> dict[str, Outside]:
     """Return what leads into each sub-map, by its path."""
-    doorways: dict[str, list[Doorway]] = defaultdict(list)
+    doorways: dict[str, list[GraphDoorway]] = defaultdict(list)
     for submap in hgraph.submaps.values():
         for doorway in submap.doorways:
             doorways[inner_end(submap, doorway).submap].append(doorway)
@@ -72,8 +72,8 @@ def outsides(hgraph: HGraph) -> dict[str, Outside]:
 
 
 def submap_findings(
-    hgraph: HGraph, path: str, frames: Mapping[str, Frame], outside: Outside, around: Surroundings
-) -> Iterator[Finding]:
+    hgraph: HGraph, path: str, frames: Mapping[str, SubmapFrame], outside: Outside, around: GraphSurroundings
+) -> Iterator[GraphFinding]:
     """Yield the faults of one sub-map, given all frames in the building's, and what leads into it."""
     submap, frame = hgraph.submaps[path], frames[path]
     points = {key: frame.point(node.x, node.y) for key, node in submap.nodes.items()}
@@ -91,7 +91,7 @@ def submap_findings(
     yield from _size(submap, points)
 
 
-def _nodes(submap: SubMap, outside: Outside) -> Iterator[Finding]:
+def _nodes(submap: SubMap, outside: Outside) -> Iterator[GraphFinding]:
     entered = {doorway.node for doorway in outside.doorways}
     used = {end for arc in submap.arcs for end in (arc.start, arc.end)} | {each.start for each in submap.doorways}
     for node in submap.nodes.values():
@@ -108,10 +108,10 @@ def _crowded(
     hgraph: HGraph,
     submap: SubMap,
     points: Mapping[str, tuple[float, float]],
-    frames: Mapping[str, Frame],
+    frames: Mapping[str, SubmapFrame],
     outside: Outside,
-    around: Surroundings,
-) -> Iterator[Finding]:
+    around: GraphSurroundings,
+) -> Iterator[GraphFinding]:
     """Yield nodes with more than four arcs, and those with two arcs within 45 degrees; doubled arcs count once."""
     directions: dict[str, dict[object, float]] = defaultdict(dict)
     for arc in submap.arcs:
@@ -136,9 +136,9 @@ def _crowded(
             gaps = [*np.diff(angles).tolist(), angles[0] + math.tau - angles[-1]]
             if min(gaps) < CLOSEST_ANGLE - 1e-9:
                 degrees = math.degrees(min(gaps))
-                severity = Severity.ERROR if around.guides else Severity.WARNING
+                severity = FindingSeverity.ERROR if around.guides else FindingSeverity.WARNING
                 sentence = f"two arcs of node {ref} are only {degrees:.0f} degrees apart"
-                yield Finding("E3", severity, str(ref), sentence, "move a node, or split this one")
+                yield GraphFinding("E3", severity, str(ref), sentence, "move a node, or split this one")
 
 
 def _arcs(
@@ -146,8 +146,8 @@ def _arcs(
     submap: SubMap,
     points: Mapping[str, tuple[float, float]],
     on_map: Mapping[str, tuple[float, float]],
-    around: Surroundings,
-) -> Iterator[Finding]:
+    around: GraphSurroundings,
+) -> Iterator[GraphFinding]:
     pairs: Counter[frozenset[str]] = Counter()
     storey = hgraph.storey_of(submap.path)
     grid = around.grids.get(storey)
@@ -172,14 +172,14 @@ def _arcs(
                 yield error("E5", ref, sentence, "move its nodes to where the chair can drive")
 
 
-def _length(ref: object, arc: Arc | Doorway, distance: float) -> Iterator[Finding]:
+def _length(ref: object, arc: Arc | GraphDoorway, distance: float) -> Iterator[GraphFinding]:
     length = arc.way.length
     if length is not None and not _SHORTEST * distance <= length <= _LONGEST * distance:
         sentence = f"arc {ref} is {length:.1f} m long between ends {distance:.1f} m apart"
         yield error("E5", ref, sentence, "measure it again, or move a node")
 
 
-def _width(ref: object, arc: Arc | Doorway, around: Surroundings) -> Iterator[Finding]:
+def _width(ref: object, arc: Arc | GraphDoorway, around: GraphSurroundings) -> Iterator[GraphFinding]:
     width = arc.way.width
     if width is None:
         return
@@ -196,9 +196,9 @@ def _doorways(
     hgraph: HGraph,
     submap: SubMap,
     points: Mapping[str, tuple[float, float]],
-    frames: Mapping[str, Frame],
-    around: Surroundings,
-) -> Iterator[Finding]:
+    frames: Mapping[str, SubmapFrame],
+    around: GraphSurroundings,
+) -> Iterator[GraphFinding]:
     for doorway in submap.doorways:
         ref, end = arc_ref(submap, doorway), inner_end(submap, doorway)
         node, other = hgraph.node(end), _point(hgraph, frames, end)
@@ -215,7 +215,7 @@ def _doorways(
             yield error("E7", ref, sentence, f"move one side, or the frame of '{end.submap}', to within {SAME_M} m")
 
 
-def _almost_joined(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
+def _almost_joined(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[GraphFinding]:
     """Yield pairs of nodes that are not joined though they almost touch, and arcs that cross without a node."""
     keys = list(points)
     joined = {frozenset((arc.start, arc.end)) for arc in submap.arcs}
@@ -255,7 +255,7 @@ def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _names(submap: SubMap) -> Iterator[Finding]:
+def _names(submap: SubMap) -> Iterator[GraphFinding]:
     ends = [node for node in submap.nodes.values() if node.kind is NodeKind.END]
     by_name: dict[str, list[Node]] = defaultdict(list)
     for node in ends:
@@ -272,8 +272,8 @@ def _names(submap: SubMap) -> Iterator[Finding]:
 
 
 def _on_map(
-    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: Surroundings
-) -> Iterator[Finding]:
+    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: GraphSurroundings
+) -> Iterator[GraphFinding]:
     storey = hgraph.storey_of(submap.path)
     grid, places = around.grids.get(storey), around.places.get(storey)
     for node in submap.nodes.values():
@@ -296,7 +296,9 @@ def _on_map(
                 yield warning("E14", ref, sentence, "move it, or expect the chair to leave it backwards")
 
 
-def _is_clear(grid: OccupancyGrid, one: tuple[float, float], other: tuple[float, float], around: Surroundings) -> bool:
+def _is_clear(
+    grid: OccupancyGrid, one: tuple[float, float], other: tuple[float, float], around: GraphSurroundings
+) -> bool:
     """Return whether the straight line between two points is known to be free for the chair's width."""
     count = max(2, math.ceil(2.0 * math.dist(one, other) / grid.resolution))
     line = np.linspace(one, other, count)
@@ -308,7 +310,7 @@ def _is_clear(grid: OccupancyGrid, one: tuple[float, float], other: tuple[float,
     return bool(within.all() and (grid.cells[tuple(cells.T)] == 0).all())
 
 
-def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
+def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[GraphFinding]:
     if len(points) < 2:
         return
     table = np.array(list(points.values()))
@@ -318,7 +320,7 @@ def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator
         yield error("E17", submap.path, sentence, "correct its scale: coordinates are metres, not pixels or feet")
 
 
-def _point(hgraph: HGraph, frames: Mapping[str, Frame], ref: NodeRef) -> tuple[float, float] | None:
+def _point(hgraph: HGraph, frames: Mapping[str, SubmapFrame], ref: NodeRef) -> tuple[float, float] | None:
     node = hgraph.node(ref)
     return None if node is None else frames[ref.submap].point(node.x, node.y)
 

@@ -14,8 +14,7 @@ from waychair.maps.building.hgraph import (
     Arc,
     Beacon,
     Closure,
-    Doorway,
-    Frame,
+    GraphDoorway,
     Lift,
     Node,
     NodeKind,
@@ -24,6 +23,7 @@ from waychair.maps.building.hgraph import (
     Stop,
     Storey,
     SubMap,
+    SubmapFrame,
     Way,
 )
 from waychair.maps.building.records import Record, line_of, time_text
@@ -98,7 +98,7 @@ def arc_line(arc: Arc) -> str:
     return line_of("arc", [("from", arc.start), ("to", arc.end), *_way_values(arc.way), ("by", _by(arc.origin))])
 
 
-def doorway_of(record: Record) -> Doorway:
+def doorway_of(record: Record) -> GraphDoorway:
     """Return a `door` record's doorway: `from=NODE to=CHILD:NODE`; a one-way one has `oneway=in` or `oneway=out`."""
     record.allow(_KEYS["door"])
     child, colon, node = record.text("to").partition(":")
@@ -108,10 +108,10 @@ def doorway_of(record: Record) -> Doorway:
     if direction not in ("no", "in", "out"):
         raise record.error(f"oneway is '{direction}': write in, out or no")
     way = _way(record, one_way=direction != "no")
-    return Doorway(checked_id(record, "from"), child, node, way, direction == "out", _origin(record))
+    return GraphDoorway(checked_id(record, "from"), child, node, way, direction == "out", _origin(record))
 
 
-def doorway_line(doorway: Doorway) -> str:
+def doorway_line(doorway: GraphDoorway) -> str:
     """Return a doorway's record."""
     one_way = ("out" if doorway.outwards else "in") if doorway.way.one_way else None
     others = [(key, value) for key, value in _way_values(doorway.way) if key != "oneway"]
@@ -168,7 +168,7 @@ def submap_of(record: Record) -> SubMap:
         raise record.error(f"path is '{path}': write its ancestors and itself, as in ground/west/room-12")
     x, y = record.number_of("x", -MAX_COORDINATE, MAX_COORDINATE, 0.0), 0.0
     y = record.number_of("y", -MAX_COORDINATE, MAX_COORDINATE, 0.0)
-    frame = Frame(x, y, _angle(record), record.number_of("scale", 1e-6, 1e6, 1.0))
+    frame = SubmapFrame(x, y, _angle(record), record.number_of("scale", 1e-6, 1e6, 1.0))
     return SubMap(path, record.text("name", ""), frame, record.text("storey", ""))
 
 

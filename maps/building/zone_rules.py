@@ -14,7 +14,7 @@ import numpy as np
 from waychair.errors import MapError
 from waychair.files import is_folder
 from waychair.maps.building.building import Building
-from waychair.maps.building.hgraph import Arc, Closure, Doorway, HGraph, Way, inner_end
+from waychair.maps.building.hgraph import Arc, Closure, GraphDoorway, HGraph, Way, inner_end
 from waychair.maps.drawn.zones import Rule, Zone, load_zones, zone_contains
 from waychair.types import BoolArray, FloatArray
 
@@ -140,7 +140,7 @@ def _ruled_arc(arc: Arc, rules: _Rules, speed: float) -> Arc:
     return replace(arc, start=ends[0], end=ends[1], way=replace(way, one_way=True))
 
 
-def _ruled_doorway(doorway: Doorway, rules: _Rules, speed: float) -> Doorway:
+def _ruled_doorway(doorway: GraphDoorway, rules: _Rules, speed: float) -> GraphDoorway:
     only = (rules.backwards if doorway.outwards else rules.forwards) if doorway.way.one_way else ""
     reason = rules.both or only or (rules.forwards if rules.backwards else "")
     way = _limited(doorway.way, rules, speed, reason)

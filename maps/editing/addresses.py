@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from waychair.errors import BuildingError
-from waychair.maps.building.hgraph import Arc, ArcRef, Doorway, HGraph, Node, NodeKind, NodeRef, SubMap
+from waychair.maps.building.hgraph import Arc, ArcRef, GraphDoorway, HGraph, Node, NodeKind, NodeRef, SubMap
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.records import Record, record_of_line
 from waychair.maps.building.text_forms import is_id
@@ -58,10 +58,10 @@ def node_at(hgraph: HGraph, ref: NodeRef) -> Node:
     return node
 
 
-def arc_at(hgraph: HGraph, ref: ArcRef) -> Arc | Doorway:
+def arc_at(hgraph: HGraph, ref: ArcRef) -> Arc | GraphDoorway:
     """Return an arc or doorway, whichever of its ends is named first; raises BuildingError without it."""
     submap = submap_at(hgraph, ref.submap)
-    both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+    both: tuple[Arc | GraphDoorway, ...] = (*submap.arcs, *submap.doorways)
     for each in both:
         if {ref.start, ref.end} == set(arc_ref(submap, each)[1:]):
             return each

@@ -12,7 +12,7 @@ from waychair.errors import BuildingError
 from waychair.maps.building.hgraph import (
     Arc,
     Closure,
-    Doorway,
+    GraphDoorway,
     HGraph,
     Node,
     NodeKind,
@@ -127,7 +127,7 @@ def change_arc(draft: Draft, asked: ChangeArc) -> Draft:
     one_way = asked.direction != "both"
     way = Way(asked.length, asked.width, asked.speed, asked.drive_s, asked.price, one_way, asked.ramp, closure)
     turned = one_way and (asked.direction == "back") == (ref.start == arc_ref(submap, known).start)
-    changed: Arc | Doorway
+    changed: Arc | GraphDoorway
     if isinstance(known, Arc):
         ends = (known.end, known.start) if turned else (known.start, known.end)
         changed = Arc(*ends, way, Origin.HAND)
@@ -202,7 +202,7 @@ def _with_doorway(draft: Draft, outer: NodeRef, inner: NodeRef, way: Way, outwar
         inner = NodeRef(room.path, door_node.id)
     hgraph = draft.hgraph
     parent, child = hgraph.submaps[outer.submap], hgraph.submaps[inner.submap]
-    door = Doorway(outer.node, inner.submap.rpartition("/")[2], inner.node, way, outwards)
+    door = GraphDoorway(outer.node, inner.submap.rpartition("/")[2], inner.node, way, outwards)
     if any((each.start, inner_end(parent, each)) == (outer.node, inner) for each in parent.doorways):
         raise BuildingError(f"{outer} and {inner} are joined already")
     checked_line_of(doorway_line(door), doorway_of)

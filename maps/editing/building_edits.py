@@ -14,8 +14,7 @@ from waychair.maps.building.building import HIGHEST_M, Building, add_storey
 from waychair.maps.building.costs import CostSettings
 from waychair.maps.building.hgraph import (
     Arc,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -23,6 +22,7 @@ from waychair.maps.building.hgraph import (
     NodeRef,
     Storey,
     SubMap,
+    SubmapFrame,
     child_path,
     parent_path,
 )
@@ -185,7 +185,7 @@ def add_submap(draft: Draft, asked: AddSubmap) -> Draft:
     if asked.storey:
         _storey_at(draft.hgraph, asked.storey)
     storey = "" if asked.storey == draft.hgraph.storey_of(asked.parent) else asked.storey
-    submap = SubMap(path, asked.name.strip(), Frame(asked.x, asked.y), storey)
+    submap = SubMap(path, asked.name.strip(), SubmapFrame(asked.x, asked.y), storey)
     checked_line_of(submap_line(submap), submap_of)
     return replace(draft, hgraph=with_submap(draft.hgraph, submap))
 
@@ -195,7 +195,7 @@ def change_submap(draft: Draft, asked: ChangeSubmap) -> Draft:
     if not asked.path:
         raise BuildingError("the root's frame is the building's: change the frames of the sub-maps below it")
     submap = submap_at(draft.hgraph, asked.path)
-    changed = replace(submap, name=asked.name.strip(), frame=Frame(asked.x, asked.y, asked.theta, asked.scale))
+    changed = replace(submap, name=asked.name.strip(), frame=SubmapFrame(asked.x, asked.y, asked.theta, asked.scale))
     checked_line_of(submap_line(changed), submap_of)
     return replace(draft, hgraph=with_submap(draft.hgraph, changed))
 
@@ -283,7 +283,7 @@ def split_submap(draft: Draft, asked: SplitSubmap) -> Draft:
         nodes[door.id] = door
         arcs.append(replace(arc, start=door.id if arc.start == other else own, end=own if arc.end == own else door.id))
         way = replace(arc.way, length=None, drive_s=None, price=None)
-        doors.append(Doorway(other, asked.id, door.id, way, way.one_way and arc.start == own))
+        doors.append(GraphDoorway(other, asked.id, door.id, way, way.one_way and arc.start == own))
     rest = replace(
         submap,
         nodes={key: node for key, node in submap.nodes.items() if key not in going},
@@ -344,12 +344,12 @@ def _free_path(hgraph: HGraph, path: str) -> str:
     return path
 
 
-def _relative(hgraph: HGraph, parent: str, path: str) -> Frame:
+def _relative(hgraph: HGraph, parent: str, path: str) -> SubmapFrame:
     """Return the frame of a sub-map in that of another one, both where they are in the building."""
     outer, inner = hgraph.frame_of(parent), hgraph.frame_of(path)
     x, y = outer.inside(inner.x, inner.y)
     theta = math.remainder(inner.theta - outer.theta, math.tau)
-    return Frame(round(x, 4), round(y, 4), round(theta, 6), inner.scale / outer.scale)
+    return SubmapFrame(round(x, 4), round(y, 4), round(theta, 6), inner.scale / outer.scale)
 
 
 def _with_refs(lifts: Mapping[str, Lift], moved: Callable[[NodeRef], NodeRef]) -> dict[str, Lift]:

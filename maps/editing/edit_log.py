@@ -31,7 +31,7 @@ KEPT_STEPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class EditStep:
     """An operation that was done, and the draft after it."""
 
     operation: Operation
@@ -43,7 +43,7 @@ class History:
     """Drafts one after the other: that at the beginning, the steps since then, and how many of them hold now."""
 
     first: Draft
-    steps: tuple[Step, ...] = ()
+    steps: tuple[EditStep, ...] = ()
     done: int = 0
 
     @property
@@ -63,9 +63,9 @@ class History:
 
     def after(self, operation: Operation) -> History:
         """Return the history with an operation done; steps that were undone are gone. Raises as `applied`."""
-        return self.with_step(Step(operation, applied(self.draft, operation)))
+        return self.with_step(EditStep(operation, applied(self.draft, operation)))
 
-    def with_step(self, step: Step) -> History:
+    def with_step(self, step: EditStep) -> History:
         """Return the history with a step that was done; steps that were undone are gone."""
         steps = (*self.steps[: self.done], step)
         extra = max(0, len(steps) - KEPT_STEPS)
@@ -171,5 +171,5 @@ def replayed(first: Draft, entries: list[Operation | bool]) -> tuple[History, li
                 history = history.after(entry)
             except WaychairError as error:
                 failed.append(f"{words(entry)}: {error}")
-                history = history.with_step(Step(entry, history.draft))  # so that an undo of it undoes nothing else
+                history = history.with_step(EditStep(entry, history.draft))  # so that an undo of it undoes nothing else
     return history, failed

@@ -40,7 +40,7 @@ _STRING, _INTEGER, _NUMBER, _TRUTH = 1, 2, 3, 4
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class RmfLevel:
     """A level in metres: its vertices (N, 2) in the building's frame, and its part of the file."""
 
     name: str
@@ -137,7 +137,7 @@ def _values(data: bytes, name: str) -> dict[str, Any]:
     return values
 
 
-def _levels(values: dict[str, Any], name: str) -> tuple[list[Level], list[str]]:
+def _levels(values: dict[str, Any], name: str) -> tuple[list[RmfLevel], list[str]]:
     """Return the levels from the lowest, in metres of one frame, and notes."""
     raw = values["levels"]
     for key, level in raw.items():
@@ -160,7 +160,7 @@ def _levels(values: dict[str, Any], name: str) -> tuple[list[Level], list[str]]:
     for position, (key, level) in enumerate(raw.items()):
         height = level.get("elevation", 0.0)
         _, height = checked_coordinates(f"level '{key}' of {name}", 0.0, height)
-        levels.append((height, position, Level(key, height, points[key], level)))
+        levels.append((height, position, RmfLevel(key, height, points[key], level)))
     return [level for *_, level in sorted(levels, key=lambda each: each[:2])], notes
 
 
@@ -246,7 +246,7 @@ def _vertices(level: dict[str, Any], key: str, name: str) -> FloatArray:
     return points * (1.0, -1.0) if len(rows) else points
 
 
-def _edges(level: Level, kind: str, name: str) -> list[list[Any]]:
+def _edges(level: RmfLevel, kind: str, name: str) -> list[list[Any]]:
     """Return the lanes, walls or doors of a level, whose ends exist."""
     rows = level.values.get(kind) or []
     for number, row in enumerate(rows):
@@ -259,7 +259,7 @@ def _edges(level: Level, kind: str, name: str) -> list[list[Any]]:
     return list(rows)
 
 
-def _submap(level: Level, graph: int, name: str, cabins: dict[str, list[NodeRef]]) -> SubMap:
+def _submap(level: RmfLevel, graph: int, name: str, cabins: dict[str, list[NodeRef]]) -> SubMap:
     """Return the sub-map of a level: the vertices at lanes of a graph, and its lanes; adds stops to `cabins`."""
     doors = [(level.points[row[0]], level.points[row[1]]) for row in _edges(level, "doors", name)]
     _edges(level, "walls", name)
@@ -367,7 +367,7 @@ def _metres_down(x: float, y: float) -> tuple[float, float]:
     return x, -y
 
 
-def _to_file(values: dict[str, Any], level: Level) -> Any:
+def _to_file(values: dict[str, Any], level: RmfLevel) -> Any:
     """Return the function from metres of the building to a level's coordinates in the file."""
     if values.get("coordinate_system", IMAGE) == METRES:
         return lambda x, y: (x, y)

@@ -28,7 +28,7 @@ _LETTERS = ", ".join((_FREE + _SOLID).decode())
 
 
 @dataclass(frozen=True, slots=True)
-class Query:
+class ScenarioQuery:
     """Start and goal as (row, column), row 0 on top, and the optimal cost [cells; a diagonal step is sqrt 2].
 
     `shape` is the height and width of the query's map.
@@ -78,7 +78,7 @@ def load_free_cells(path: Path) -> BoolArray:
     return free
 
 
-def load_queries(path: Path) -> list[Query]:
+def load_queries(path: Path) -> list[ScenarioQuery]:
     """Return the queries of a scenario, in the order of the file.
 
     Raises:
@@ -102,13 +102,13 @@ def load_queries(path: Path) -> list[Query]:
             raise MapError(f"{path} line {number}: a query is nine fields, the last seven of them numbers") from error
         if not (math.isfinite(optimal) and optimal >= 0.0):
             raise MapError(f"{path} line {number}: {optimal} is no cost; copy the scenario again")
-        queries.append(Query((y0, x0), (y1, x1), optimal, (height, width)))
+        queries.append(ScenarioQuery((y0, x0), (y1, x1), optimal, (height, width)))
     if not queries:
         raise MapError(f"{path} holds no query; give a scenario with some")
     return queries
 
 
-def check_queries(queries: Sequence[Query], free: BoolArray) -> None:
+def check_queries(queries: Sequence[ScenarioQuery], free: BoolArray) -> None:
     """Refuse queries that belong to another map, or that begin or end in a cell that is not in `free` (H, W).
 
     Raises:

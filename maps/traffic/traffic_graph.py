@@ -148,7 +148,7 @@ class TrafficLift:
 _Part: TypeAlias = TrafficNode | Section | Refuge | TrafficLift
 
 
-class Move(NamedTuple):
+class DirectedSection(NamedTuple):
     """A section in one direction, from node to node."""
 
     section: str
@@ -205,13 +205,13 @@ class TrafficGraph:
         return MappingProxyType({lift.name: lift for lift in self.lifts})
 
     @cached_property
-    def moves(self) -> Mapping[str, tuple[Move, ...]]:
+    def moves(self) -> Mapping[str, tuple[DirectedSection, ...]]:
         """The moves that leave each node, in the order of the sections; a one-way section gives one only."""
-        leaving: dict[str, list[Move]] = {node.name: [] for node in self.nodes}
+        leaving: dict[str, list[DirectedSection]] = {node.name: [] for node in self.nodes}
         for section in self.sections:
-            leaving[section.start].append(Move(section.name, section.start, section.end))
+            leaving[section.start].append(DirectedSection(section.name, section.start, section.end))
             if not section.one_way:
-                leaving[section.end].append(Move(section.name, section.end, section.start))
+                leaving[section.end].append(DirectedSection(section.name, section.end, section.start))
         return MappingProxyType({name: tuple(moves) for name, moves in leaving.items()})
 
     def way(self, section: str) -> tuple[WayPoint, ...]:

@@ -28,7 +28,7 @@ from waychair.errors import OutputError, WaychairError
 from waychair.files import os_error_text, read_bytes, write_text
 from waychair.maps.folders.map_drawing import is_drawn_on
 from waychair.offline.many.bags import fingerprint, size_of
-from waychair.offline.many.outcomes import RECORD, Outcome, State, read_outcome, write_outcome
+from waychair.offline.many.outcomes import RECORD, Outcome, OutcomeState, read_outcome, write_outcome
 
 WORK = ".map-all"
 """Name of the folder for unfinished maps, locks and remembered failures, in the folder of the maps."""
@@ -85,7 +85,7 @@ class BagJob:
         """The folder of the finished map."""
         return Path(self.out) / self.name
 
-    def outcome(self, state: State, why: str = "") -> Outcome:
+    def outcome(self, state: OutcomeState, why: str = "") -> Outcome:
         """Return an outcome of this job on this computer."""
         return Outcome(
             self.name, state, self.fingerprint, why, host=socket.gethostname(), memory_limit=self.memory_limit
@@ -134,18 +134,18 @@ def run_bag(job: BagJob, running: Running | None = None) -> Outcome:
     """
     if job.version != __version__:
         return job.outcome(
-            State.STOPPED, f"the worker has waychair {__version__}, not {job.version}: install the same version"
+            OutcomeState.STOPPED, f"the worker has waychair {__version__}, not {job.version}: install the same version"
         )
     if job.token and not _is_reached(job):
-        return job.outcome(State.UNREACHED)
+        return job.outcome(OutcomeState.UNREACHED)
     running = running or Running()
     try:
         with locked(Path(job.out) / WORK / f"{job.name}.lock"):
             return kept_outcome(job) or _mapped(job, running)
     except OSError as error:
-        return job.outcome(State.STOPPED, f"cannot write {job.out}: {os_error_text(error)}")
+        return job.outcome(OutcomeState.STOPPED, f"cannot write {job.out}: {os_error_text(error)}")
     except WaychairError as error:
-        return job.outcome(State.STOPPED, str(error))
+        return job.outcome(OutcomeState.STOPPED, str(error))
 
 
 def _is_reached(job: BagJob) -> bool:
@@ -198,20 +198,20 @@ def _mapped(job: BagJob, running: Running) -> Outcome:
     _remove_stale(job)
     job.work.mkdir(parents=True, exist_ok=True)
     path, before = Path(job.path), fingerprint(Path(job.path), ())
-    outcome = job.outcome(State.STOPPED)
+    outcome = job.outcome(OutcomeState.STOPPED)
     for _ in range(_TRIES):
         if running.stopped:
             return replace(outcome, why="not begun: the command was stopped")
         outcome, again = _tried(job, outcome, running)
         if not again:
             break
-    if outcome.state is State.DONE and fingerprint(path, ()) != before:
-        return replace(outcome, state=State.STOPPED, why=f"{path} changed while it was read: map it again")
-    if outcome.state is State.DONE:
+    if outcome.state is OutcomeState.DONE and fingerprint(path, ()) != before:
+        return replace(outcome, state=OutcomeState.STOPPED, why=f"{path} changed while it was read: map it again")
+    if outcome.state is OutcomeState.DONE:
         write_outcome(job.work / RECORD, outcome)
         publish(job)
     _failure_file(job).unlink(missing_ok=True)
-    if outcome.state is State.FAILED:
+    if outcome.state is OutcomeState.FAILED:
         write_outcome(_failure_file(job), outcome)
         shutil.rmtree(job.work, ignore_errors=True)
     return outcome
@@ -287,14 +287,14 @@ def _tried(job: BagJob, so_far: Outcome, running: Running) -> tuple[Outcome, boo
 def _judged(outcome: Outcome, code: int, said: str, running: Running) -> tuple[Outcome, bool]:
     """Return the outcome by a process's exit status and its words, and whether to try again."""
     if code == 0:
-        return replace(outcome, state=State.DONE, why=""), False
+        return replace(outcome, state=OutcomeState.DONE, why=""), False
     if running.stopped or code == _INTERRUPTED:
-        return replace(outcome, state=State.STOPPED, why="interrupted: the same command goes on with it"), False
+        return replace(outcome, state=OutcomeState.STOPPED, why="interrupted: the same command goes on with it"), False
     if code < 0:
         why = f"its process was killed by signal {-code}, as where memory runs out: the same command goes on with it"
-        return replace(outcome, state=State.STOPPED, why=why), True
+        return replace(outcome, state=OutcomeState.STOPPED, why=why), True
     why = _sentence(said) or f"its process ended with status {code}"
-    state = State.FAILED if code in (OF_RECORDING, OUT_OF_MEMORY) else State.STOPPED
+    state = OutcomeState.FAILED if code in (OF_RECORDING, OUT_OF_MEMORY) else OutcomeState.STOPPED
     return replace(outcome, state=state, why=why), False
 
 
@@ -334,7 +334,7 @@ def run_sent_bag(job: BagJob, recording: bytes) -> tuple[Outcome, bytes]:
         unpacked(recording, folder / "recording")
         name, out = Path(job.path).name, folder / "maps"
         outcome = run_bag(replace(job, path=str(folder / "recording" / name), out=str(out), token=""))
-        return outcome, packed(out / job.name) if outcome.state is State.DONE else b""
+        return outcome, packed(out / job.name) if outcome.state is OutcomeState.DONE else b""
 
 
 def receive(job: BagJob, outcome: Outcome, maps: bytes) -> None:
@@ -345,9 +345,9 @@ def receive(job: BagJob, outcome: Outcome, maps: bytes) -> None:
         OSError: it cannot be written.
     """
     with locked(Path(job.out) / WORK / f"{job.name}.lock"):
-        if outcome.state is State.FAILED:
+        if outcome.state is OutcomeState.FAILED:
             write_outcome(_failure_file(job), outcome)
-        if outcome.state is not State.DONE:
+        if outcome.state is not OutcomeState.DONE:
             return
         _refuse_taken(job)
         shutil.rmtree(job.work, ignore_errors=True)

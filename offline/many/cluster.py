@@ -21,7 +21,7 @@ from waychair.errors import ClusterError, MissingExtra
 from waychair.files import os_error_text, write_text
 from waychair.install_advice import install_command
 from waychair.offline.many.bag_runs import TOKEN, WORK, BagJob, packed, receive, run_bag, run_sent_bag
-from waychair.offline.many.outcomes import Outcome, State
+from waychair.offline.many.outcomes import Outcome, OutcomeState
 
 LARGEST_SENT = 2_000_000_000
 """bytes; a larger recording is not sent to a worker, which has to have a path to it."""
@@ -200,14 +200,14 @@ class _Dispatch:
         """Submit a job with its recording; return the outcome where that is impossible."""
         if job.size > LARGEST_SENT:
             return job.outcome(
-                State.STOPPED,
+                OutcomeState.STOPPED,
                 f"the workers do not see {job.path}, and its {job.size / 1e9:.1f} GB are too many to be sent "
                 f"(at most {LARGEST_SENT / 1e9:.0f}): give --shared PREFIX=PREFIX",
             )
         try:
             data = packed(Path(job.path))
         except OSError as error:
-            return job.outcome(State.STOPPED, f"cannot read {job.path}: {os_error_text(error)}")
+            return job.outcome(OutcomeState.STOPPED, f"cannot read {job.path}: {os_error_text(error)}")
         try:
             sent = self._session.client.scatter(data, hash=False)
         except Exception as error:  # distributed raises several kinds where the link breaks
@@ -230,7 +230,7 @@ class _Dispatch:
             if deaths < _DEATHS:
                 (self._to_send if sent else self._waiting).append(job)
             else:
-                yield job.outcome(State.STOPPED, f"{deaths} workers died while they had it: look at their logs")
+                yield job.outcome(OutcomeState.STOPPED, f"{deaths} workers died while they had it: look at their logs")
             return
         except ModuleNotFoundError as error:
             raise ClusterError(
@@ -238,15 +238,17 @@ class _Dispatch:
             ) from error
         except Exception as error:  # noqa: BLE001
             # an error of the worker's, of any kind, belongs to this recording alone
-            yield job.outcome(State.STOPPED, f"the worker failed: {type(error).__name__}: {error}")
+            yield job.outcome(OutcomeState.STOPPED, f"the worker failed: {type(error).__name__}: {error}")
             return
         outcome, maps = result if sent else (result, b"")
-        if outcome.state is State.UNREACHED:
+        if outcome.state is OutcomeState.UNREACHED:
             self._to_send.append(job)
             return
         if sent:
             try:
                 receive(job, outcome, maps)
             except OSError as error:
-                outcome = replace(outcome, state=State.STOPPED, why=f"cannot write {job.out}: {os_error_text(error)}")
+                outcome = replace(
+                    outcome, state=OutcomeState.STOPPED, why=f"cannot write {job.out}: {os_error_text(error)}"
+                )
         yield outcome

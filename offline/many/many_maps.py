@@ -15,7 +15,7 @@ from waychair.files import os_error_text, read_text, write_json
 from waychair.offline.many.bag_runs import WORK, BagJob
 from waychair.offline.many.bags import Bag, fingerprint, size_of
 from waychair.offline.many.index_page import write_index
-from waychair.offline.many.outcomes import Outcome, State
+from waychair.offline.many.outcomes import Outcome, OutcomeState
 from waychair.offline.many.pools import Pool
 from waychair.types import Json
 
@@ -43,14 +43,14 @@ class ManyMaps:
     outcomes: dict[str, Outcome] = field(default_factory=dict)
     seconds: float = 0.0
 
-    def count(self, *states: State) -> int:
+    def count(self, *states: OutcomeState) -> int:
         """Return the number of recordings in one of the states."""
         return sum(outcome.state in states for outcome in self.outcomes.values())
 
     @property
     def failed(self) -> int:
         """The number of recordings without a map."""
-        return len(self.bags) - self.count(State.DONE)
+        return len(self.bags) - self.count(OutcomeState.DONE)
 
     def as_json(self) -> Json:
         """Return the report: per recording state, reason, costs and host; then sums."""
@@ -63,7 +63,7 @@ class ManyMaps:
         return {
             "waychair": __version__,
             "recordings": rows,
-            "done": self.count(State.DONE),
+            "done": self.count(OutcomeState.DONE),
             "failed": self.failed,
             "kept": sum(outcome.kept for outcome in self.outcomes.values()),
             "seconds": round(self.seconds, 3),
@@ -133,7 +133,7 @@ def _jobs(bags: Sequence[Bag], out: Path, options: MapOptions, ended: Callable[[
             retry_failed=options.retry_failed,
         )
         if found is None:
-            ended(job.outcome(State.FAILED, f"there is no recording at {bag.path}; check the path"))
+            ended(job.outcome(OutcomeState.FAILED, f"there is no recording at {bag.path}; check the path"))
         else:
             jobs.append(job)
     return sorted(jobs, key=lambda job: -job.size)

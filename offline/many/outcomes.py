@@ -14,7 +14,7 @@ RECORD = "map_all.json"
 """Name of a finished recording's outcome in its map folder; it arrives there together with the map."""
 
 
-class State(StrEnum):
+class OutcomeState(StrEnum):
     """What became of a recording."""
 
     DONE = "done"
@@ -34,7 +34,7 @@ class Outcome:
     """
 
     name: str
-    state: State
+    state: OutcomeState
     fingerprint: str
     why: str = ""
     seconds: float = 0.0
@@ -55,7 +55,7 @@ def read_outcome(path: Path) -> Outcome | None:
         values = json.loads(path.read_bytes())
         names = {each.name for each in fields(Outcome)}
         found = Outcome(**{name: value for name, value in values.items() if name in names})
-        return Outcome(**{**asdict(found), "state": State(found.state)})
+        return Outcome(**{**asdict(found), "state": OutcomeState(found.state)})
     except (OSError, ValueError, TypeError, AttributeError):
         return None
 

@@ -15,7 +15,7 @@ from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.border_costs import SEARCHED, costs_between, new_plan, searched, table_cost
 from waychair.planning.building.border_kernels import make
 from waychair.planning.building.border_ways import query_room, table_way, way_between, ways_between
-from waychair.planning.building.graph_search import Way
+from waychair.planning.building.graph_search import ArcWay
 from waychair.planning.building.overlay import Tables, laid_out, net_of
 from waychair.types import IntArray
 
@@ -49,14 +49,14 @@ class BorderTables:
         """Return the costs from a node to many goals (Q,) [mm], for menus."""
         return self.costs(np.full(len(goals), start), goals)
 
-    def way(self, start: int, goal: int) -> Way:
+    def way(self, start: int, goal: int) -> ArcWay:
         """Return the cheapest way between two nodes."""
         while True:
             cost, count = table_way(self._net.node_submap, *self.tables, *self._room, start, goal, self._way)
             if cost == SEARCHED:
                 cost, count = way_between(self._net, self.tables, self._room, start, goal, self._way)
             if count <= len(self._way):
-                return Way(cost, self._way[:count].copy())
+                return ArcWay(cost, self._way[:count].copy())
             self._way = np.empty(2 * count, np.int32)
 
     def ways(self, starts: Int32Array, goals: Int32Array) -> tuple[Int32Array, Int32Array]:

@@ -55,7 +55,7 @@ from waychair.planning.building.overlay import (
 )
 
 
-class Room(NamedTuple):
+class BorderMemory(NamedTuple):
     """Memory of a query: sums of costs (2, count), sub-maps to go on with (levels, 9), and a chain of states."""
 
     sums: Int32Array
@@ -63,17 +63,17 @@ class Room(NamedTuple):
     chain: Int32Array
 
 
-def query_room(tables: Tables) -> Room:
+def query_room(tables: Tables) -> BorderMemory:
     """Return memory for queries of these tables."""
     book = tables.book
     levels = (book.shape[1] - ANCESTOR) // LEVEL
-    return Room(
+    return BorderMemory(
         sums_room(book), np.empty((levels + 2, 9), np.int64), np.empty(int(book[:, STATES].max()) + 1, np.int32)
     )
 
 
 _AROUND, _LINK = 3, 8
-"""First columns of `Room.waiting` that hold the levels of a way round about, and the exits that a way climbs by."""
+"""First columns of `BorderMemory.waiting` that hold the levels of a way round about, and the exits that a way climbs by."""
 
 
 @njit(cache=True)
@@ -179,7 +179,7 @@ def _emit_into(
 
 @njit(cache=True)
 def _emit_out(
-    tables: Tables, room: Room, start: int, m: int, c: int, exit: int, cost: int, way: Int32Array, count: int
+    tables: Tables, room: BorderMemory, start: int, m: int, c: int, exit: int, cost: int, way: Int32Array, count: int
 ) -> int:
     """Append the arcs from an exit of `c` back to a node of `m`, which lies in it, at this cost."""
     book, numbers, waiting = tables.book, tables.numbers, room.waiting
@@ -209,7 +209,7 @@ def _emit_out(
 
 
 @njit(cache=True)
-def _emit_after(tables: Tables, room: Room, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
+def _emit_after(tables: Tables, room: BorderMemory, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
     """Append the arcs from an exit of `m` back to a state, by the states after it; children are unpacked."""
     book, chain = tables.book, room.chain
     at, goal, length = book[m, AFTER] + exit * book[m, STATES], book[m, EXITS_AT] + exit, 1
@@ -245,7 +245,7 @@ def _emit_state(
 @njit(cache=True)
 def _emit_joined(
     tables: Tables,
-    room: Room,
+    room: BorderMemory,
     start: int,
     one: int,
     goal: int,
@@ -295,14 +295,16 @@ def table_way(
     if book[one, DEPTH] == d or book[other, DEPTH] == d:
         return SEARCHED, 0
     left, right = book[one, ANCESTOR + LEVEL * (d + 1)], book[other, ANCESTOR + LEVEL * (d + 1)]
-    tables, room = Tables(book, numbers, steps), Room(sums, waiting, chain)
+    tables, room = Tables(book, numbers, steps), BorderMemory(sums, waiting, chain)
     cost, count = _emit_joined(tables, room, start, one, goal, other, left, right, way)
     _turned(way, count)
     return cost, count
 
 
 @njit(cache=True)
-def way_between(net: Net, tables: Tables, room: Room, start: int, goal: int, way: Int32Array) -> tuple[int, int]:
+def way_between(
+    net: Net, tables: Tables, room: BorderMemory, start: int, goal: int, way: Int32Array
+) -> tuple[int, int]:
     """Fill the arcs of the cheapest way into `way`; return its cost and how many arcs there are, also if too many.
 
     The cost is `CLOSED_MM` if there is none.
@@ -327,7 +329,7 @@ def way_between(net: Net, tables: Tables, room: Room, start: int, goal: int, way
 @njit(cache=True)
 def _emit_searched(
     tables: Tables,
-    room: Room,
+    room: BorderMemory,
     start: int,
     one: int,
     goal: int,
@@ -360,7 +362,7 @@ def _emit_searched(
 
 @njit(cache=True)
 def ways_between(
-    net: Net, tables: Tables, room: Room, starts: Int32Array, goals: Int32Array, way: Int32Array
+    net: Net, tables: Tables, room: BorderMemory, starts: Int32Array, goals: Int32Array, way: Int32Array
 ) -> tuple[Int32Array, Int32Array]:
     """Return the costs [mm] and numbers of arcs (Q,) of many ways, each written out into `way` in turn."""
     found, counts = np.empty(len(starts), np.int32), np.empty(len(starts), np.int32)

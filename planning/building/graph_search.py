@@ -23,14 +23,14 @@ _VERTICAL_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class ArcWay:
     """A way: its cost [mm], `CLOSED_MM` if there is none, and its arcs (K,) int32 in the order of driving."""
 
     cost: int
     arcs: Int32Array
 
 
-class Room(NamedTuple):
+class SearchMemory(NamedTuple):
     """Memory of a search over A arcs: costs and states before (A,), the number of the search that wrote them (A,), that
     number (1,), and a heap."""
 
@@ -51,10 +51,10 @@ class Bound(NamedTuple):
     is_cabin: BoolArray
 
 
-def search_room(graph: GraphArrays, heap: int = 2) -> Room:
+def search_room(graph: GraphArrays, heap: int = 2) -> SearchMemory:
     """Return memory for searches of a graph, with a queue of `heap` entries an arc."""
     arcs = len(graph.tail)
-    return Room(
+    return SearchMemory(
         np.empty(arcs, np.int32),
         np.empty(arcs, np.int32),
         np.zeros(arcs, np.int32),
@@ -100,7 +100,7 @@ def estimate(graph: GraphArrays, bound: Bound, node: int, goal: int) -> int:
 
 @njit(cache=True)
 def search(
-    graph: GraphArrays, bound: Bound, room: Room, start: int, goal: int, guided: bool, shut: BoolArray
+    graph: GraphArrays, bound: Bound, room: SearchMemory, start: int, goal: int, guided: bool, shut: BoolArray
 ) -> tuple[int, int, int]:
     """Return the cost from node to node, the last arc, and the states taken from the queue; A* if guided, else Dijkstra.
 
@@ -144,7 +144,7 @@ def search(
 
 
 @njit(cache=True)
-def costs_to_all(graph: GraphArrays, room: Room, start: int) -> Int32Array:
+def costs_to_all(graph: GraphArrays, room: SearchMemory, start: int) -> Int32Array:
     """Return the costs from a node to all nodes (N,) [mm] by Dijkstra, `CLOSED_MM` where there is no way.
 
     They are empty if the queue has no room.
@@ -279,16 +279,16 @@ class GraphSearch:
         self.pops = 0
         """States taken from the queue by the last search."""
 
-    def way(self, start: int, goal: int, guided: bool) -> Way:
+    def way(self, start: int, goal: int, guided: bool) -> ArcWay:
         """Return the cheapest way between two nodes, by A* if guided, else by Dijkstra."""
         cost, last = self._searched(start, goal, guided, _NOTHING_SHUT)
-        return Way(cost, traced(self._room.before, last))
+        return ArcWay(cost, traced(self._room.before, last))
 
     def cost(self, start: int, goal: int, guided: bool) -> int:
         """Return the cost between two nodes [mm], `CLOSED_MM` if there is no way."""
         return self._searched(start, goal, guided, _NOTHING_SHUT)[0]
 
-    def way_past_rooms(self, start: int, goal: int) -> Way:
+    def way_past_rooms(self, start: int, goal: int) -> ArcWay:
         """Return the cheapest way by A* that enters no leaf of the tree but the first and the last: the paper's method
         without tables, where rooms are no short cut."""
         ends = self.graph.node_submap[[start, goal]]
@@ -296,7 +296,7 @@ class GraphSearch:
         self._is_leaf[ends] = False
         cost, last = self._searched(start, goal, True, self._is_leaf)
         self._is_leaf[ends] = kept
-        return Way(cost, traced(self._room.before, last))
+        return ArcWay(cost, traced(self._room.before, last))
 
     def costs_to_all(self, start: int) -> Int32Array:
         """Return the costs from a node to all nodes (N,) [mm], `CLOSED_MM` where there is no way."""

@@ -22,10 +22,10 @@ from waychair.maps.building.hgraph import Arc, HGraph, NodeRef, full_name, inner
 from waychair.maps.building.indexed import lift_node
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points
 from waychair.maps.grid.cells import inside as inside_grid
-from waychair.planning.building.graph_search import Way
+from waychair.planning.building.graph_search import ArcWay
 from waychair.planning.building.hierarchical import RoutePlanner
 from waychair.planning.building.movements import lift_title, storey_title
-from waychair.planning.building.way_movements import Told, told_along
+from waychair.planning.building.way_movements import ToldMovement, told_along
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Pose2
 
 JOINED_M = 0.3
@@ -81,7 +81,7 @@ class StoreyWays:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class StoreyPart:
     """A part of a plan on one storey: its junctions, its movements, and the lift at its end, with the storey to press.
 
     `points` (K, 2) [m] in the storey's map and `along` (K,) [m] are those of the junctions. `title` and `to_title` are the
@@ -92,7 +92,7 @@ class Part:
     junctions: tuple[int, ...]
     points: FloatArray
     along: FloatArray
-    told: tuple[Told, ...]
+    told: tuple[ToldMovement, ...]
     lift: str = ""
     to: str = ""
     title: str = ""
@@ -105,7 +105,7 @@ class Plan:
 
     goal: NodeRef
     name: str
-    parts: tuple[Part, ...]
+    parts: tuple[StoreyPart, ...]
     cost: float
 
 
@@ -224,10 +224,10 @@ class GuidedWays:
         return costs.turn_round_m if abs(angle) > TURN_UP_TO else costs.turn_m if abs(angle) > math.pi / 4 else 0.0
 
     def _planned(self, storey: str, start: NodeRef, goal: NodeRef, before: tuple[int, ...] = ()) -> Plan:
-        way: Way = self._planner.way(start, goal)
+        way: ArcWay = self._planner.way(start, goal)
         hgraph, built = self._planner.hgraph, self._planner.built
         name = full_name(hgraph, goal)
-        parts: list[Part] = []
+        parts: list[StoreyPart] = []
         here, passed, lift, to = storey, list[int](), "", ""
         if start.submap.startswith("@"):
             lift, to = start.submap[1:], storey
@@ -247,14 +247,14 @@ class GuidedWays:
         parts.append(self._part(here, passed, name, lift, to))
         return Plan(goal, name, tuple(parts), way.cost * 1e-3)
 
-    def _part(self, storey: str, passed: Sequence[int], name: str, lift: str, to: str) -> Part:
+    def _part(self, storey: str, passed: Sequence[int], name: str, lift: str, to: str) -> StoreyPart:
         known, hgraph = self._storeys[storey], self._planner.hgraph
         points = known.points[list(passed)].reshape(-1, 2)
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) if len(points) else np.empty(0)
         title = lift_title(hgraph.lifts[lift]) if lift else ""
         told = told_along(known, passed, points, along, title or name.rpartition("/")[2], is_lift=bool(lift))
         to_title = storey_title(hgraph, to) if to else ""
-        return Part(storey, tuple(passed), points, along, told, lift, to, title, to_title)
+        return StoreyPart(storey, tuple(passed), points, along, told, lift, to, title, to_title)
 
 
 def joined_where_they_pass(hgraph: HGraph) -> HGraph:

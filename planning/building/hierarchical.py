@@ -18,14 +18,14 @@ from waychair.errors import BuildingError, NoPath
 from waychair.maps.building.building import goals
 from waychair.maps.building.costs import CLOSED_MM, millimetres
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import Arc, ArcRef, Closure, Doorway, HGraph, NodeRef, SubMap, full_name
+from waychair.maps.building.hgraph import Arc, ArcRef, Closure, GraphDoorway, HGraph, NodeRef, SubMap, full_name
 from waychair.maps.building.hgraph_edits import arc_ref, with_way
 from waychair.maps.building.indexed import IndexedGraph, arc_cost_m, indexed
 from waychair.maps.building.text_forms import LONGEST_M
 from waychair.planning.building.border_tables import BorderTables
 from waychair.planning.building.graph_search import (
+    ArcWay,
     GraphSearch,
-    Way,
     brute_force,
     cost_of_way,
     traced,
@@ -47,7 +47,7 @@ class Method(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class RouteLeg:
     """A part of a route on one storey, or a ride in a lift: the storey's id, the lift's ("" on a storey), the nodes, the
     length driven [m] and the cost [mm] with its turns."""
 
@@ -65,7 +65,7 @@ class Route:
     start: NodeRef
     goal: NodeRef
     cost: int
-    legs: tuple[Leg, ...]
+    legs: tuple[RouteLeg, ...]
     movements: tuple[Movement, ...]
     arcs: tuple[ArcRef | None, ...]
 
@@ -139,7 +139,7 @@ class RoutePlanner:
             costs = self._search.costs_to_all(self._index(start))[indices]
         return dict(zip(ends, costs.tolist(), strict=True))
 
-    def way(self, start: NodeRef, goal: NodeRef) -> Way:
+    def way(self, start: NodeRef, goal: NodeRef) -> ArcWay:
         """Return the cheapest way as directed arcs of `built`.
 
         Raises:
@@ -219,7 +219,7 @@ class RoutePlanner:
         if self._preset is not None:
             self._preset = Tetranauta(graph)
 
-    def _way(self, start: int, goal: int) -> Way:
+    def _way(self, start: int, goal: int) -> ArcWay:
         if self._method is Method.TABLES and self.tables is not None:
             return self.tables.way(start, goal)
         if self._preset is not None:
@@ -228,10 +228,10 @@ class RoutePlanner:
             return self._search.way_past_rooms(start, goal)
         if self._method is Method.BRUTE_FORCE:
             cost, last, before = brute_force(self.built.graph, start, goal)
-            return Way(int(cost), traced(before, last))
+            return ArcWay(int(cost), traced(before, last))
         return self._search.way(start, goal, guided=self._method is Method.ASTAR)
 
-    def _way_without(self, start: int, goal: int, shut: Int32Array) -> Way:
+    def _way_without(self, start: int, goal: int, shut: Int32Array) -> ArcWay:
         costs = self.built.graph.cost.copy()
         costs[shut] = CLOSED_MM
         return GraphSearch(self.built.graph._replace(cost=costs)).way(start, goal, guided=True)
@@ -297,15 +297,15 @@ class RoutePlanner:
     def _title(self, node: int) -> str:
         return f"'{full_name(self.hgraph, self.built.refs[node])}'"
 
-    def _route(self, start: NodeRef, goal: NodeRef, way: Way) -> Route:
+    def _route(self, start: NodeRef, goal: NodeRef, way: ArcWay) -> Route:
         told = movements(self.hgraph, self.built, way.arcs)
         owners = tuple(self.built.owners[arc] for arc in way.arcs.tolist())
         return Route(start, goal, way.cost, self._legs(start, way), told, owners)
 
-    def _legs(self, start: NodeRef, way: Way) -> tuple[Leg, ...]:
+    def _legs(self, start: NodeRef, way: ArcWay) -> tuple[RouteLeg, ...]:
         """Return the parts of a way on one storey each, and the rides between them; turns belong to the later part."""
         graph, refs = self.built.graph, self.built.refs
-        legs: list[Leg] = []
+        legs: list[RouteLeg] = []
         arcs = way.arcs
         k = 0
         while k < len(arcs):
@@ -318,9 +318,9 @@ class RoutePlanner:
             nodes = (refs[graph.tail[part[0]]], *(refs[head] for head in graph.head[part].tolist()))
             length = 0.0 if riding else float(sum(self._length(arc) for arc in part.tolist()))
             storey = self._storey(nodes[-1])
-            legs.append(Leg(storey, lift, nodes, length, int(with_turn)))
+            legs.append(RouteLeg(storey, lift, nodes, length, int(with_turn)))
             k = last + 1
-        return tuple(legs) or (Leg(self._storey(start), "", (start,), 0.0, 0),)
+        return tuple(legs) or (RouteLeg(self._storey(start), "", (start,), 0.0, 0),)
 
     def _lift(self, arc: int) -> str:
         """Return the id of the lift that a directed arc belongs to, "" for one that is driven."""
@@ -351,5 +351,5 @@ def arc_named(text: str) -> ArcRef | None:
 _ARC = re.compile(r"([^:>]*):([^:>]+)>([^>]+)")
 
 
-def _ways_of(submap: SubMap) -> tuple[Arc | Doorway, ...]:
+def _ways_of(submap: SubMap) -> tuple[Arc | GraphDoorway, ...]:
     return (*submap.arcs, *submap.doorways)

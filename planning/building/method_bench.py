@@ -13,7 +13,7 @@ from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.maps.building.hgraph import HGraph, NodeKind
 from waychair.maps.building.indexed import IndexedGraph
 from waychair.planning.building.border_tables import BorderTables
-from waychair.planning.building.graph_search import GraphSearch, Way, cost_of_way
+from waychair.planning.building.graph_search import ArcWay, GraphSearch, cost_of_way
 from waychair.planning.building.tetranauta import Tetranauta
 
 SEED = 7
@@ -76,7 +76,7 @@ def bench_graph(graph: GraphArrays, starts: Int32Array, goals: Int32Array) -> li
     return [*rows, {**row, "bytes_per_node": round(size, 1), "build_s": round(build_s, 4)}]
 
 
-def _timed(way: Callable[[int, int], Way], starts: Int32Array, goals: Int32Array) -> tuple[list[Way], float]:
+def _timed(way: Callable[[int, int], ArcWay], starts: Int32Array, goals: Int32Array) -> tuple[list[ArcWay], float]:
     """Return all ways, and the mean time of one [us]."""
     pairs = list(zip(starts.tolist(), goals.tolist(), strict=True))
     way(*pairs[0])
@@ -86,7 +86,7 @@ def _timed(way: Callable[[int, int], Way], starts: Int32Array, goals: Int32Array
 
 
 def _row(
-    name: str, graph: GraphArrays, found: list[Way], truth: list[Way], mean_us: float, path_us: float
+    name: str, graph: GraphArrays, found: list[ArcWay], truth: list[ArcWay], mean_us: float, path_us: float
 ) -> dict[str, object]:
     both = [(way, right) for way, right in zip(found, truth, strict=True) if right.cost < CLOSED_MM]
     wrong = sum(way.cost != right.cost for way, right in zip(found, truth, strict=True))
@@ -105,5 +105,5 @@ def _row(
     }
 
 
-def _length(graph: GraphArrays, way: Way) -> float:
+def _length(graph: GraphArrays, way: ArcWay) -> float:
     return float(np.hypot(*(graph.xy[graph.head[way.arcs]] - graph.xy[graph.tail[way.arcs]]).T).sum())

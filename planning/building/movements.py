@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from waychair.maps.building.costs import door_cost_m, millimetres
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import Arc, ArcRef, Doorway, HGraph, Lift
+from waychair.maps.building.hgraph import Arc, ArcRef, GraphDoorway, HGraph, Lift
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.indexed import IndexedGraph, stop_costs_m
 from waychair.planning.building.overlay import turn
@@ -83,10 +83,10 @@ def _along(hgraph: HGraph, built: IndexedGraph, arc: int) -> Iterator[Movement]:
     yield Movement(MovementKind.DOOR, at, door)
 
 
-def record_of(hgraph: HGraph, ref: ArcRef) -> Arc | Doorway | None:
+def record_of(hgraph: HGraph, ref: ArcRef) -> Arc | GraphDoorway | None:
     """Return the arc or doorway at an address."""
     submap = hgraph.submaps[ref.submap]
-    both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+    both: tuple[Arc | GraphDoorway, ...] = (*submap.arcs, *submap.doorways)
     for each in both:
         if arc_ref(submap, each) == ref:
             return each

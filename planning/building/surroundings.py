@@ -13,7 +13,7 @@ from waychair.calibration.chair_body import ROBOT, ChairBody
 from waychair.errors import MapError, NoPath, PlanningError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, followed
-from waychair.maps.building.graph_findings import Finding, Surroundings
+from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings
 from waychair.maps.building.hgraph_checks import Checker
 from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
@@ -37,7 +37,7 @@ SMALLEST = ROBOT
 """The body by which walls are found where no chair is named: an arc that not even this one drives crosses a wall."""
 
 
-def surroundings(building: Building, body: ChairBody | None = None) -> Surroundings:
+def surroundings(building: Building, body: ChairBody | None = None) -> GraphSurroundings:
     """Return the surroundings of a building as its folder has them; `body` is the chair that is to drive there.
 
     Without a body, arcs through walls are found by the smallest one, and doors are not measured.
@@ -62,7 +62,7 @@ def surroundings(building: Building, body: ChairBody | None = None) -> Surroundi
         if followed(raw, storey.id) != raw.hgraph:
             moved.add(storey.id)
     drives = _Drives(grids, zones, SMALLEST if body is None else body)
-    return Surroundings(
+    return GraphSurroundings(
         width=None if body is None else body.width,
         length=None if body is None else body.front + body.rear,
         grids=grids,
@@ -93,11 +93,11 @@ class LiveSurroundings:
         self._known: dict[tuple[str, tuple[float, float], tuple[float, float]], float | None] = {}
         self._checker = Checker()
 
-    def findings(self, draft: Draft) -> tuple[Finding, ...]:
+    def findings(self, draft: Draft) -> tuple[GraphFinding, ...]:
         """Return the faults and warnings of a draft, under the rules of its zones."""
         return self._checker.check(zoned(draft), self.of_draft(draft))
 
-    def of_draft(self, draft: Draft) -> Surroundings:
+    def of_draft(self, draft: Draft) -> GraphSurroundings:
         """Return the surroundings of a draft of this building."""
         for storey, zones in draft.zones.items():
             if self._zones.get(storey) is not zones:

@@ -17,7 +17,7 @@ import numpy as np
 from waychair.errors import BuildingError, MapError
 from waychair.files import is_file, os_error_text, read_bytes, replacing
 from waychair.maps.building.building import Building
-from waychair.maps.building.hgraph import Arc, Doorway
+from waychair.maps.building.hgraph import Arc, GraphDoorway
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.hgraph_files import GENERAL, SUBMAPS
 from waychair.maps.drawn.anchors import ANCHORS_YAML, GRAPH
@@ -73,7 +73,7 @@ def graph_key(building: Building, now_ns: int) -> str:
                 digest.update(f"{storey.id} {name}\n".encode())
                 digest.update(read_bytes(path, BuildingError))
     for path_, submap in building.hgraph.submaps.items():
-        both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+        both: tuple[Arc | GraphDoorway, ...] = (*submap.arcs, *submap.doorways)
         ended = [each for each in both if each.way.closure is not None and not each.way.closure.holds(now_ns)]
         digest.update("".join(f"{path_} {arc_ref(submap, each)}\n" for each in ended).encode())
     for lift in building.hgraph.lifts.values():

@@ -17,7 +17,7 @@ from numba import njit
 
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
-from waychair.planning.building.graph_search import GraphSearch, Way, in_driving_order, with_arc, with_arcs
+from waychair.planning.building.graph_search import ArcWay, GraphSearch, in_driving_order, with_arc, with_arcs
 from waychair.planning.building.overlay import (
     ANCESTOR,
     ARCS,
@@ -96,12 +96,12 @@ class Tetranauta:
         for m in range(len(graph.parent) - 1, -1, -1):
             _solve(self._net, self.tables, self.trajectories, m)
 
-    def way(self, start: int, goal: int) -> Way:
+    def way(self, start: int, goal: int) -> ArcWay:
         """Return the way between two nodes, not always the cheapest; its cost [mm] is that of its arcs."""
         cost, arcs = _priced_way(start, goal, self._brothers, *self._net, *self.tables, *self.trajectories)
         if start != goal and not len(arcs):
             return self._search.way(start, goal, guided=True)
-        return Way(cost, arcs)
+        return ArcWay(cost, arcs)
 
     @property
     def nbytes(self) -> int:

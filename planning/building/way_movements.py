@@ -42,7 +42,7 @@ _ORDINALS = ("next", "second", "third", "fourth", "fifth")
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ToldMovement:
     """A movement on a part of a plan: where it begins and ends [m along the part], and the junction that it is about."""
 
     movement: Movement
@@ -78,7 +78,7 @@ class _Mark:
 
 def told_along(
     ways: _Ways, passed: Sequence[int], points: FloatArray, along: FloatArray, end: str, *, is_lift: bool
-) -> tuple[Told, ...]:
+) -> tuple[ToldMovement, ...]:
     """Return the movements along junctions.
 
     Args:
@@ -96,7 +96,7 @@ def told_along(
     corners = _simplified(points)
     turns = _turns(points, along, corners)
     doors = _doors(ways, passed, along)
-    told: list[Told] = []
+    told: list[ToldMovement] = []
     done = 0.0
     for mark in sorted([*turns, *doors], key=lambda each: each.at):
         is_turn = mark.angle != 0.0
@@ -110,14 +110,14 @@ def told_along(
             kind = MovementKind.TURN_ROUND if abs(mark.angle) > ROUND_FROM else kind
             after = Pose2(here.x, here.y, wrap_angle(here.theta + mark.angle))
             movement = Movement(kind, start=here, end=after, angle=mark.angle)
-            told.append(Told(movement, mark.at, mark.at, passed[mark.index]))
+            told.append(ToldMovement(movement, mark.at, mark.at, passed[mark.index]))
             done = max(done, mark.at)
         else:
             following = next((each.at for each in turns if each.at > mark.at), math.inf)
             begins, ends = until, max(until, min(mark.at + DOOR_TO_M, float(along[-1]), following))
             start = _pose_at(points, along, corners, begins)
             movement = Movement(MovementKind.DOOR, distance=ends - begins, start=start, end=here)
-            told.append(Told(movement, begins, ends, passed[mark.index]))
+            told.append(ToldMovement(movement, begins, ends, passed[mark.index]))
             done = ends
     if float(along[-1]) - done > 0.05:
         told.append(_straight(points, along, corners, done, float(along[-1]), f"to {end}", passed[-1]))
@@ -126,18 +126,18 @@ def told_along(
     return tuple(told)
 
 
-def _arrived(points: FloatArray, along: FloatArray, passed: Sequence[int], at: float) -> Told:
+def _arrived(points: FloatArray, along: FloatArray, passed: Sequence[int], at: float) -> ToldMovement:
     x, y = points[-1]
     pose = Pose2(float(x), float(y), 0.0)
-    return Told(Movement(MovementKind.ARRIVED, start=pose, end=pose), at, at, passed[-1])
+    return ToldMovement(Movement(MovementKind.ARRIVED, start=pose, end=pose), at, at, passed[-1])
 
 
 def _straight(
     points: FloatArray, along: FloatArray, corners: list[int], begins: float, ends: float, landmark: str, junction: int
-) -> Told:
+) -> ToldMovement:
     start, end = (_pose_at(points, along, corners, at) for at in (begins + 1e-6, ends))
     movement = Movement(MovementKind.STRAIGHT, distance=ends - begins, start=start, end=end, landmark=landmark)
-    return Told(movement, begins, ends, junction)
+    return ToldMovement(movement, begins, ends, junction)
 
 
 def _simplified(points: FloatArray) -> list[int]:

@@ -24,7 +24,7 @@ _ORDERS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Solution:
+class PathSolution:
     """Paths (A, T) of all agents, the least sum of costs that is possible, and the time to the first valid answer [ms]."""
 
     paths: Numbers
@@ -37,7 +37,7 @@ class Solution:
         return int(costs(self.paths).sum())
 
 
-def solved(task: Task, seconds: float, seed: int = 0) -> Solution:
+def solved(task: Task, seconds: float, seed: int = 0) -> PathSolution:
     """Return the best paths found in so many seconds of this thread's processor time.
 
     Raises:
@@ -54,7 +54,7 @@ def solved(task: Task, seconds: float, seed: int = 0) -> Solution:
         paths = better
         if time.thread_time() - begun >= seconds:
             break
-    return Solution(paths, bound, first_ms, fault(task, paths) == "")
+    return PathSolution(paths, bound, first_ms, fault(task, paths) == "")
 
 
 def _first_paths(task: Task, towards: Numbers, rng: np.random.Generator, has_time: Callable[[], bool]) -> Numbers:

@@ -32,7 +32,7 @@ _LATE_MS = 10_000
 """ms that a chair may fall behind the time foreseen before the order is planned anew."""
 
 
-class Answer(enum.Enum):
+class RequestWord(enum.Enum):
     """The words of VDA 5050 for the state of a request."""
 
     GRANTED = "granted"
@@ -46,7 +46,7 @@ class Reply:
     """The answer to a chair: the spots it may use in their order (the first is where it is), for how long, and why not."""
 
     chair: int
-    answer: Answer
+    answer: RequestWord
     serial: int
     spots: tuple[int, ...] = ()
     lease_ms: int = LEASE_MS
@@ -54,7 +54,7 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ChairReport:
     """A chair's word: it has entered so many spots in all, its rear still uses the last `behind` before, ready when.
 
     Attributes:
@@ -73,13 +73,13 @@ class Report:
 class Heard:
     """Messages of one step: reports, new requests, and sections seen blocked with the time for which that is believed."""
 
-    reports: tuple[Report, ...] = ()
+    reports: tuple[ChairReport, ...] = ()
     requests: tuple[Request, ...] = ()
     blocked_ms: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class District:
+class WardenState:
     """The state of a warden.
 
     Attributes:
@@ -103,7 +103,7 @@ class District:
     priorities: Mapping[int, Priority] = field(default_factory=dict)
 
 
-def decided(state: District, heard: Heard, now_ms: int) -> tuple[District, tuple[Reply, ...], tuple[Wait, ...]]:
+def decided(state: WardenState, heard: Heard, now_ms: int) -> tuple[WardenState, tuple[Reply, ...], tuple[Wait, ...]]:
     """Return the state after the messages of a step, the answers to all chairs, and all present waits."""
     before = state.order
     order, refused = before, []
@@ -166,7 +166,7 @@ def _priorities(order: Order) -> dict[int, Priority]:
     return {request.number: request.priority for request in requests}
 
 
-def _followed(order: Order, report: Report, now_ms: int) -> Order:
+def _followed(order: Order, report: ChairReport, now_ms: int) -> Order:
     """Return the order after all that a chair's report says it has done since the last one.
 
     Raises:
@@ -179,7 +179,7 @@ def _followed(order: Order, report: Report, now_ms: int) -> Order:
     return held_up(order, report.chair, now_ms + report.ready_in_ms)
 
 
-def _is_late(state: District, order: Order, now_ms: int) -> bool:
+def _is_late(state: WardenState, order: Order, now_ms: int) -> bool:
     """Return whether some chair will arrive much later than was foreseen with the last plan."""
     arrivals = _arrivals(order, now_ms, state.clearing_ms)
     return any(arrival > state.expected_ms.get(chair, arrival) + _LATE_MS for chair, arrival in arrivals.items())
@@ -192,10 +192,10 @@ def _arrivals(order: Order, now_ms: int, clearing_ms: int) -> dict[int, int]:
 
 
 def _refusal(chair: int, sentence: str) -> Reply:
-    return Reply(chair, Answer.REJECTED, 0, (), 0, sentence)
+    return Reply(chair, RequestWord.REJECTED, 0, (), 0, sentence)
 
 
-def _replies(state: District, before: Order, present: tuple[Wait, ...]) -> tuple[Reply, ...]:
+def _replies(state: WardenState, before: Order, present: tuple[Wait, ...]) -> tuple[Reply, ...]:
     """Return an answer to each chair that has a chain, or had one, or waits for one."""
     why = {wait.chair: wait.sentence for wait in present}
     asking = {request.chair for request in state.order.waiting}
@@ -203,11 +203,11 @@ def _replies(state: District, before: Order, present: tuple[Wait, ...]) -> tuple
     for chair, chain in state.order.chains.items():
         sentence = why.get(chair, "")
         if len(chain.spots) > 1:
-            found.append(Reply(chair, Answer.GRANTED, state.serial, chain.spots, LEASE_MS, sentence))
+            found.append(Reply(chair, RequestWord.GRANTED, state.serial, chain.spots, LEASE_MS, sentence))
         elif chair in asking:
-            found.append(Reply(chair, Answer.QUEUED, state.serial, chain.spots, LEASE_MS, sentence))
+            found.append(Reply(chair, RequestWord.QUEUED, state.serial, chain.spots, LEASE_MS, sentence))
         elif len(before.chains[chair].spots) > 1 and chain.visit == before.chains[chair].visit:
-            found.append(Reply(chair, Answer.REVOKED, state.serial, chain.spots, LEASE_MS, sentence))
+            found.append(Reply(chair, RequestWord.REVOKED, state.serial, chain.spots, LEASE_MS, sentence))
     return tuple(found)
 
 

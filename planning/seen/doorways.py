@@ -119,7 +119,7 @@ class Doorway:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class GapEvidence:
     """All that was seen of one gap, in the frame of the views.
 
     `gaps` (G, 7): x, y [m], theta [rad], width [m], wall beside the right and the left jamb [m], 1 if things next to both
@@ -132,12 +132,12 @@ class Evidence:
     gaps: FloatArray
     sights: FloatArray
 
-    def with_gap(self, gap: Gap) -> Evidence:
+    def with_gap(self, gap: Gap) -> GapEvidence:
         """Return the evidence with one gap more."""
         row = [gap.pose.x, gap.pose.y, gap.pose.theta, gap.width, *gap.walls, gap.between_both]
-        return Evidence(np.vstack([self.gaps, row])[-KEPT_GAPS:], self.sights)
+        return GapEvidence(np.vstack([self.gaps, row])[-KEPT_GAPS:], self.sights)
 
-    def with_sight(self, sight: JambSight, at: Pose2) -> Evidence:
+    def with_sight(self, sight: JambSight, at: Pose2) -> GapEvidence:
         """Return the evidence with one view more, measured at the gap's pose `at`."""
         right, left = at @ Pose2(*sight.right), at @ Pose2(*sight.left)
         row = [right.x, right.y, left.x, left.y, sight.right_doubt, sight.left_doubt, sight.through, sight.stopped]
@@ -145,10 +145,10 @@ class Evidence:
         off, turn = sight.wall or (math.nan, math.nan)
         wall = at @ Pose2(off, 0.0, turn) if sight.wall else Pose2(off, off, turn)
         row += [wall.x, wall.y, wall.theta]
-        return Evidence(self.gaps, np.vstack([self.sights, row])[-KEPT_SIGHTS:])
+        return GapEvidence(self.gaps, np.vstack([self.sights, row])[-KEPT_SIGHTS:])
 
 
-NO_EVIDENCE = Evidence(np.zeros((0, _GAP_COLUMNS)), np.zeros((0, _SIGHT_COLUMNS)))
+NO_EVIDENCE = GapEvidence(np.zeros((0, _GAP_COLUMNS)), np.zeros((0, _SIGHT_COLUMNS)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ class Judgement:
     strength: int = 0
 
 
-def judge(evidence: Evidence, start: Pose2) -> Judgement:
+def judge(evidence: GapEvidence, start: Pose2) -> Judgement:
     """Return the pose and width that evidence gives a gap known roughly at `start`, and the verdict on it."""
     pose, width, error = _estimate(evidence, start)
     strength = int(np.count_nonzero(evidence.sights[:, 4:6].max(axis=1) < DOUBTFUL))
@@ -182,7 +182,7 @@ def weighted_median(values: FloatArray, weights: FloatArray) -> float:
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
-def _estimate(evidence: Evidence, start: Pose2) -> tuple[Pose2, float, float]:
+def _estimate(evidence: GapEvidence, start: Pose2) -> tuple[Pose2, float, float]:
     """Return pose, width [m] and its error [m]: direction and place across from the walls, the rest from the jambs."""
     gaps, sights = evidence.gaps, evidence.sights
     weights = (gaps[:, 4] + gaps[:, 5] + LEAST_WEIGHT) * np.where(gaps[:, 6] > 0.0, BOTH_WEIGH, 1.0)
@@ -227,7 +227,7 @@ def _across(lines: FloatArray, weights: FloatArray, start: Pose2) -> tuple[float
     return theta, weighted_median(offs, weights)
 
 
-def _doubts(evidence: Evidence, width: float) -> tuple[str, str]:
+def _doubts(evidence: GapEvidence, width: float) -> tuple[str, str]:
     """Return the first reason that speaks against a doorway of `width` [m], and the first thing not yet seen of it."""
     gaps, sights = evidence.gaps, evidence.sights
     through = sights[sights[:, 6] >= 2]

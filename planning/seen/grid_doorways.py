@@ -11,7 +11,7 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.cells import occupied
 from waychair.maps.grid.distance_field import distances
 from waychair.planning.seen.doorway_gaps import FARTHEST, Gap, find_gaps, measure_gap
-from waychair.planning.seen.doorways import NO_EVIDENCE, DoorState, Doorway, Evidence, Judgement, judge
+from waychair.planning.seen.doorways import NO_EVIDENCE, DoorState, Doorway, GapEvidence, Judgement, judge
 from waychair.planning.seen.range_views import RangeView, view_from_grid
 from waychair.planning.seen.wall_lines import straight_stretches
 from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Pose2
@@ -33,7 +33,7 @@ RIVAL = 0.6
 class _Found:
     pose: Pose2
     width: float
-    evidence: Evidence
+    evidence: GapEvidence
 
 
 def doorways_in_grid(grid: OccupancyGrid) -> tuple[Doorway, ...]:

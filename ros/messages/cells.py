@@ -11,7 +11,7 @@ from waychair.planning.seen.doorways import Doorway
 from waychair.recordings.bags.ros_messages import ODOM_FRAME, header, make
 from waychair.ros.messages.json_text import json_text, read_json_text
 from waychair.ros.messages.motion import pose
-from waychair.runtime.perception_view import PerceptionView
+from waychair.runtime.pages.perception_view import PerceptionView
 
 
 def signal(words: str) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 from waychair.errors import MessageError
 from waychair.recordings.bags.ros_messages import BASE_FRAME, header, make
 from waychair.ros.messages.wire import require_finite, stamp_of
-from waychair.runtime.guard_view import GuardView
+from waychair.runtime.rider.guard_view import GuardView
 from waychair.types import HelpLevel
 
 

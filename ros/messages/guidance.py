@@ -6,7 +6,7 @@ from typing import Any
 
 from waychair.recordings.bags.ros_messages import make
 from waychair.ros.messages.json_text import json_text, read_json_text
-from waychair.runtime.chair_port import GuideView
+from waychair.runtime.pages.chair_port import GuideView
 
 
 def guidance(view: GuideView | None) -> Any:

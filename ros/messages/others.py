@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from waychair.ros.messages.json_text import json_text, read_json_text
-from waychair.runtime.chair_port import OthersView
+from waychair.runtime.pages.chair_port import OthersView
 
 
 def others(view: OthersView) -> Any:

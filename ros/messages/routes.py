@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from waychair.errors import BuildingError
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import Frame, HGraph, NodeKind
+from waychair.maps.building.hgraph import HGraph, NodeKind, SubmapFrame
 from waychair.maps.building.indexed import IndexedGraph
 from waychair.recordings.bags.ros_messages import MAP_FRAME, header, make, point
 from waychair.ros.messages.motion import pose
@@ -44,7 +44,7 @@ def require_ids(built: IndexedGraph) -> None:
         )
 
 
-def route(stamp_ns: int, built: IndexedGraph, frame: Frame, start: int, arcs: Int32Array, cost: int) -> Any:
+def route(stamp_ns: int, built: IndexedGraph, frame: SubmapFrame, start: int, arcs: Int32Array, cost: int) -> Any:
     """Return a nav2_msgs/Route along directed arcs (K,) from a node; the cost [mm] is given there in metres.
 
     `frame` is that of the navigator's map in the building's.
@@ -56,7 +56,7 @@ def route(stamp_ns: int, built: IndexedGraph, frame: Frame, start: int, arcs: In
     return make("nav2_msgs/msg/Route", header(stamp_ns, MAP_FRAME), cost / 1000.0, stops, edges)
 
 
-def route_path(built: IndexedGraph, frame: Frame, start: int, arcs: Int32Array) -> Path:
+def route_path(built: IndexedGraph, frame: SubmapFrame, start: int, arcs: Int32Array) -> Path:
     """Return the path [m, m, rad] along directed arcs (K,) up to the first lift, whose other storeys have other maps."""
     graph = built.graph
     rides = np.flatnonzero(graph.heading[arcs] == NO_HEADING)
@@ -94,14 +94,14 @@ def graph_markers(stamp_ns: int, hgraph: HGraph, built: IndexedGraph, storey: st
     return make("visualization_msgs/msg/MarkerArray", markers)
 
 
-def _ends(built: IndexedGraph, frame: Frame, arcs: NDArray[np.integer[Any]]) -> FloatArray:
+def _ends(built: IndexedGraph, frame: SubmapFrame, arcs: NDArray[np.integer[Any]]) -> FloatArray:
     """Return the points (2 K, 2) [m] of lines along directed arcs (K,)."""
     graph = built.graph
     lines: FloatArray = np.stack([graph.xy[graph.tail[arcs]], graph.xy[graph.head[arcs]]], axis=1).reshape(-1, 2)
     return _on_map(frame, lines)
 
 
-def _on_map(frame: Frame, xy: FloatArray) -> FloatArray:
+def _on_map(frame: SubmapFrame, xy: FloatArray) -> FloatArray:
     """Return points (N, 2) [m] of the building's frame in that of a map, whose frame in the building's is given."""
     return np.array([frame.inside(x, y) for x, y in xy.tolist()]).reshape(-1, 2)
 

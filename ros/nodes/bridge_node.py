@@ -82,7 +82,7 @@ from waychair.ros.topics import RosTopic
 from waychair.runtime.black_box.recorder import LoggedChair
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
-from waychair.runtime.page_watch import PageWatch
+from waychair.runtime.pages.page_watch import PageWatch
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.wheel_counts import WheelCounts
 from waychair.topics import SCAN as SCAN_RATE

@@ -42,8 +42,8 @@ from waychair.ros.messages.servos import ServoPairing, pan_tilt_command
 from waychair.ros.node_settings.cells import CellsNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.runtime.pages.perception_view import perception_view
 from waychair.runtime.perception import CellInputs, Perceived, Perception
-from waychair.runtime.perception_view import perception_view
 from waychair.runtime.senses.frame_sight import FrameSight, frames_in
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_track import OdometryTrack

@@ -17,7 +17,7 @@ from waychair.ros.nodes.navigator_node import NavigatorNode
 from waychair.ros.nodes.node import run_node
 from waychair.runtime.fleet.chair_fleet import joined_fleet
 from waychair.runtime.fleet.fleet_port import FleetPort
-from waychair.runtime.fleet.peer_process import PARKED_NS, STEP_S, clock_ns, new_boot
+from waychair.runtime.fleet.network.peer_process import PARKED_NS, STEP_S, clock_ns, new_boot
 from waychair.types import DriveMode, Goal, Pose2
 
 _STEP_HZ, _OTHERS_HZ = 10.0, 5.0

@@ -58,20 +58,25 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
+from waychair.ros.nodes.navigator_parts.building_routes import BuildingRoutes, DriveNow
+from waychair.ros.nodes.navigator_parts.journeys import Journeys
+from waychair.ros.nodes.navigator_parts.navigate_action import NavigateAction, feedback
+from waychair.ros.nodes.navigator_parts.navigation_display import NavigationDisplay
+from waychair.ros.nodes.navigator_parts.navigator_senses import NavigatorSenses
+from waychair.ros.nodes.navigator_parts.navigator_state import (
+    CurrentDrive,
+    Latest,
+    NavigatedBuilding,
+    NavigatorPublishers,
+)
+from waychair.ros.nodes.navigator_parts.remote_chair import ChairNow
 from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
-from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
-from waychair.ros.nodes.parts.journeys import Journeys
 from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.nodes.parts.map_layout import first_layout
-from waychair.ros.nodes.parts.navigate_action import NavigateAction, feedback
-from waychair.ros.nodes.parts.navigation_display import NavigationDisplay
-from waychair.ros.nodes.parts.navigator_senses import NavigatorSenses
-from waychair.ros.nodes.parts.navigator_state import CurrentDrive, Latest, NavigatedBuilding, NavigatorPublishers
 from waychair.ros.nodes.parts.refusals import Refusals
-from waychair.ros.nodes.parts.remote_chair import ChairNow
 from waychair.ros.nodes.parts.tick_phase import TickPhase
 from waychair.runtime.pilot import Pilot
-from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
+from waychair.runtime.rider.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.slam.odometry.tilt import Tilt

@@ -26,9 +26,9 @@ from pathlib import Path
 from waychair.ros.messages.reports import Report
 from waychair.ros.node_settings.page import PageNodeSettings
 from waychair.ros.nodes.node import ChairNode
-from waychair.ros.nodes.parts.heard_others import SharingPagePort
+from waychair.ros.nodes.page_parts.heard_others import SharingPagePort
 from waychair.ros.nodes.parts.known_chair import known_chair
-from waychair.runtime.chair_port import ChairPort
+from waychair.runtime.pages.chair_port import ChairPort
 
 _UPDATE_HZ = 5.0
 

@@ -161,7 +161,7 @@ class Ring:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LogPart:
     """A kept part of the log: its events in order, and its time span."""
 
     folder: Path
@@ -213,9 +213,9 @@ class PartStore:
 
     def open(
         self, event: BlackBoxEvent, head: LogHeader, segments: Sequence[Segment], span_ns: tuple[int, int]
-    ) -> Part:
+    ) -> LogPart:
         """Open a part with the segments of a span around an event, and drop parts beyond the bounds."""
-        part = Part(
+        part = LogPart(
             folder=self._folder / f"{self._next_number():04d}-{event.id}",
             session=head.session,
             events=(event,),
@@ -235,7 +235,7 @@ class PartStore:
         self._drop_least()
         return part
 
-    def keep(self, part: Part, segments: Sequence[Segment]) -> None:
+    def keep(self, part: LogPart, segments: Sequence[Segment]) -> None:
         """Link, or copy, the part's segments that it does not hold yet."""
         for segment in segments:
             kept = part.folder / segment.path.name
@@ -248,7 +248,7 @@ class PartStore:
             except OSError:
                 shutil.copyfile(segment.path, kept)
 
-    def save(self, part: Part) -> None:
+    def save(self, part: LogPart) -> None:
         """Write part.json."""
         write_json(part.folder / _ABOUT, msgspec.to_builtins(part, enc_hook=lambda folder: folder.name))
         with (part.folder / _ABOUT).open("rb") as file:
@@ -256,7 +256,7 @@ class PartStore:
         sync_folder(part.folder)
         sync_folder(self._folder)
 
-    def close(self, part: Part) -> None:
+    def close(self, part: LogPart) -> None:
         """Mark a part as complete."""
         self.save(replace(part, closed=True))
         self._written.discard(part.folder)
@@ -329,13 +329,13 @@ def segment_files(folder: Path) -> list[Path]:
     return sorted(path for path in (folder / RING).glob("*.log") if path.stem.isdecimal())
 
 
-def parts_of(folder: Path) -> list[Part]:
+def parts_of(folder: Path) -> list[LogPart]:
     """Return the readable parts of a box, oldest first."""
     found = []
     for path in sorted((folder / PARTS).glob("*/" + _ABOUT)):
         with contextlib.suppress(OSError, msgspec.MsgspecError, ValueError):
             values = msgspec.json.decode(path.read_bytes())
-            found.append(msgspec.convert({**values, "folder": str(path.parent)}, Part, dec_hook=_path))
+            found.append(msgspec.convert({**values, "folder": str(path.parent)}, LogPart, dec_hook=_path))
     return sorted((part for part in found if part.events), key=lambda part: part.number)
 
 
@@ -377,7 +377,7 @@ def append_end(folder: Path, problem: str) -> None:
         file.write(encoded(LogEnd(problem)))
 
 
-def with_event(part: Part, event: BlackBoxEvent, after_ns: int) -> Part:
+def with_event(part: LogPart, event: BlackBoxEvent, after_ns: int) -> LogPart:
     """Return the part with a further event, its span extended to `after_ns` after it."""
     return replace(part, events=(*part.events, event), end_ns=max(part.end_ns, event.stamp_ns + after_ns))
 

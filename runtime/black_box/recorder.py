@@ -46,7 +46,7 @@ from waychair.runtime.black_box.box_file import (
 from waychair.runtime.black_box.box_store import (
     BoxLimits,
     BoxLock,
-    Part,
+    LogPart,
     PartStore,
     Ring,
     Segment,
@@ -253,7 +253,7 @@ class _Writer:
         self._ring = Ring(folder, bounds)
         self._head = head
         self._detector = EventDetector()
-        self._open: list[Part] = []
+        self._open: list[LogPart] = []
         self._drove, self._driven_ticks = False, _ON_TICKS  # since the last event
         self._cells: TraceEncoder | None = None  # of the present segment
         self._lost = 0
@@ -357,7 +357,7 @@ class _Writer:
             self._open.append(self._parts.open(event, self._head, self._ring.segments, span_ns))
         self._driven_ticks = 0
 
-    def _keep_up(self, parts: Sequence[Part]) -> None:
+    def _keep_up(self, parts: Sequence[LogPart]) -> None:
         """Link the segments so far into open parts."""
         if parts:
             self._ring.write()

@@ -13,7 +13,15 @@ from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import BoxError
 from waychair.runtime.black_box.box_events import BlackBoxEvent, Gravity
 from waychair.runtime.black_box.box_file import BoardIdentity, Log, LoggedHalt, Tick
-from waychair.runtime.black_box.box_store import PARTS, RING, Part, is_written, parts_of, segment_files, unfinished_log
+from waychair.runtime.black_box.box_store import (
+    PARTS,
+    RING,
+    LogPart,
+    is_written,
+    parts_of,
+    segment_files,
+    unfinished_log,
+)
 from waychair.runtime.black_box.why_evidence import LogCursor, evidence, look_at, remedy_of
 from waychair.types import DriveMode, Pose2
 
@@ -49,7 +57,7 @@ class LoggedStop:
     events: tuple[BlackBoxEvent, ...]
     log: Log
     folder: Path
-    part: Part | None = None
+    part: LogPart | None = None
 
 
 def last_stops(box: Path, count: int = 1) -> list[LoggedStop]:

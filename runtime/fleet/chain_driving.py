@@ -16,10 +16,10 @@ from waychair.control.authority import Authority
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import LONGEST_SECTION
 from waychair.planning.fleet.order import Order, Turn
-from waychair.planning.fleet.warden import Report
+from waychair.planning.fleet.warden import ChairReport
 from waychair.planning.fleet.ways import Ways
 from waychair.runtime.fleet.chain_geometry import (
-    Chain,
+    ChainLine,
     SpotPlace,
     bars_off,
     chain_of,
@@ -49,7 +49,7 @@ class Steps:
     `bars` are zones that keep the chair on a new chain where other ways lead round it.
     """
 
-    report: Report
+    report: ChairReport
     authority: Authority
     goals: tuple[Goal, ...] | None = None
     bars: tuple[Zone, ...] = ()
@@ -81,7 +81,7 @@ class ChainDriver:
         self._visit = 0  # of the spot that the chair has entered last
         self._behind: list[int] = []  # spots that its rear has not left, the earliest first
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
-        self._chain: Chain | None = None
+        self._chain: ChainLine | None = None
         self._first = 0  # place of the entered spot in that chain
         self._way = 0.0
         self._goals: tuple[Goal, ...] = ()
@@ -96,7 +96,7 @@ class ChainDriver:
         self._ahead, self._chain, self._goals = (), None, ()
 
     @property
-    def chain(self) -> Chain | None:
+    def chain(self) -> ChainLine | None:
         """The chair's chain on the floor, from the spots in which it is; None before the first step."""
         return self._chain
 
@@ -149,7 +149,7 @@ class ChainDriver:
             room = self._rooms[beyond, here.section or ""]
             line = self._chain.line_at(self._chain.ends_at(piece) - room, here.at(here.length - room)[2])
         left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
-        report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
+        report = ChairReport(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         bars: tuple[Zone, ...] = ()
         if goals:
             bars = bars_off(self._ways, self._spot_places, self._rings, (*self._behind, *self._ahead))
@@ -158,9 +158,9 @@ class ChainDriver:
         stands = stopped or (line is not None and self._waits_at_home(front, until))
         return Steps(report, Authority(line, reason or "the chair waits for its turn", stands), goals, bars)
 
-    def report(self) -> Report:
+    def report(self) -> ChairReport:
         """Return the report of a chair that is ready to go on."""
-        return Report(self._number, self._visit, len(self._behind), 0)
+        return ChairReport(self._number, self._visit, len(self._behind), 0)
 
     def withdraw(self, order: Order) -> Order:
         """Give back the section that the chair is not wholly in yet, as its way there is blocked; return the order.

@@ -66,7 +66,7 @@ class SpotPlace:
 
 
 @dataclass(frozen=True)
-class Chain:
+class ChainLine:
     """The spots of a chair's chain as a polyline (N, 2) [m] in map with the way (N,) along it.
 
     Spot k reaches up to `until[k]` [m] along the way; there lies its stop line, where the way is `widths[k]` [m] wide. `folds` are
@@ -241,7 +241,7 @@ def ring_sections(graph: TrafficGraph) -> frozenset[str]:
 
 def chain_of(
     ways: Ways, places: Sequence[SpotPlace], rooms: dict[tuple[str, str], float], spots: Sequence[int]
-) -> Chain:
+) -> ChainLine:
     """Return the chain of some spots on the floor."""
     line, marks, folds = _line_along(places, spots)
     along = arc_lengths(line)
@@ -264,7 +264,7 @@ def chain_of(
             backs_out = _meets(after.points[0], here.points[0])
             until[k] = end + (here.length - room if backs_out else -room)
             widths[k] = here.at(room if backs_out else here.length - room)[2]
-    return Chain(line, along, np.maximum.accumulate(until), widths, folds)
+    return ChainLine(line, along, np.maximum.accumulate(until), widths, folds)
 
 
 def _line_along(places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[FloatArray, list[int], tuple[int, ...]]:

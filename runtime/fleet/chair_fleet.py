@@ -13,9 +13,9 @@ from waychair.install_advice import install_command
 from waychair.planning.fleet.peers.peer import Fleet
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet, open_to_lan
-from waychair.runtime.fleet.fleet_keys import checked_keys
-from waychair.runtime.fleet.peer_process import fleet_of
-from waychair.runtime.fleet.zenoh_transport import ZenohTransport
+from waychair.runtime.fleet.network.fleet_keys import checked_keys
+from waychair.runtime.fleet.network.peer_process import fleet_of
+from waychair.runtime.fleet.network.zenoh_transport import ZenohTransport
 
 FLEET, LAN = "WAYCHAIR_FLEET", "WAYCHAIR_FLEET_LAN"
 """Environment variables with the path of the fleet's file, and 1 where the chair talks to other computers."""

@@ -15,15 +15,15 @@ from waychair.control.drive.navigation import Navigation
 from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Reason, Wait
-from waychair.runtime.chair_port import OthersView
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, TOLD, TOLD_NS, Given, Told, note_bytes, note_from
 from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
+from waychair.runtime.fleet.network.transport import PeerTransport
 from waychair.runtime.fleet.peer_driving import PeerDriver
 from waychair.runtime.fleet.shut_ways import ShutWays
 from waychair.runtime.fleet.spot_sight import SpotSight
-from waychair.runtime.fleet.transport import Transport
+from waychair.runtime.pages.chair_port import OthersView
 from waychair.types import Pose2
 
 SILENT_NS = 3_000_000_000
@@ -35,7 +35,7 @@ AGAIN_NS = 5_000_000_000
 _RULES = {each.value: each for each in Reason}
 
 
-class FleetTransport(Transport, Protocol):
+class FleetTransport(PeerTransport, Protocol):
     """A transport that also carries messages beside the peers' own."""
 
     def received_aside(self) -> list[tuple[int, bytes]]:

@@ -18,12 +18,12 @@ from waychair.errors import FleetError
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.peers.peer import Fleet
-from waychair.runtime.chair_port import OthersView
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.fleet_member import FleetMember, FleetTransport
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
+from waychair.runtime.pages.chair_port import OthersView
 from waychair.runtime.pilot import Pilot
 from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
 

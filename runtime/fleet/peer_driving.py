@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from waychair.planning.fleet.order import Chain, Order, Turn
 from waychair.planning.fleet.peers.messages import Place
-from waychair.planning.fleet.peers.peer import Own, OwnWish, Peer, SpotAuthority, Step
+from waychair.planning.fleet.peers.peer import Own, OwnWish, Peer, PeerStep, SpotAuthority
 from waychair.planning.fleet.ways import Ways
 from waychair.runtime.fleet.alone_driving import AloneDriver, AloneWay, Seen, speed_by_eye
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
@@ -32,7 +32,7 @@ class PeerSteps:
     """
 
     driven: Steps
-    peer: Step
+    peer: PeerStep
     tone: bool = False
 
 

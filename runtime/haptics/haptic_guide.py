@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.cell_advice import CellMemory, cell_advice
-from waychair.control.haptics.guidance import Guidance, GuideInputs
+from waychair.control.haptics.guidance import GuideInputs, GuideWord
 from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Surroundings
+from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.live_ground import LiveGround
 from waychair.runtime.haptics.session_log import SessionCounter
 from waychair.runtime.haptics.step_leader import StepLeader
-from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, Told
+from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, ToldAdvice
 from waychair.runtime.haptics.where import where_words
 from waychair.types import HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
 
@@ -56,7 +56,7 @@ class HapticGuide:
         grid: OccupancyGrid,
         zones: Sequence[Zone] = (),
         worker: Executor | None = None,
-        around: Callable[[], Surroundings] = Surroundings,
+        around: Callable[[], RiderSurroundings] = RiderSurroundings,
         session: SessionCounter | None = None,
     ) -> None:
         """`worker` makes the plans, by default they are made in the tick. `around` is asked when the rider asks.
@@ -133,7 +133,7 @@ class HapticGuide:
             return silence
         return LOST if now.pose is None else ""
 
-    def _wanted(self, now: HapticInputs, guidance: Guidance | None) -> list[Advice]:
+    def _wanted(self, now: HapticInputs, guidance: GuideWord | None) -> list[Advice]:
         """Return all advice that holds now."""
         wanted = [] if guidance is None or guidance.advice is None else [guidance.advice]
         signal = None if now.computer_drives else now.signal
@@ -151,7 +151,7 @@ class HapticGuide:
             return None
         return self.leader.again(_inputs(now, now.pose))
 
-    def _note(self, told: Told, guidance: Guidance | None, again: Advice | None, now: HapticInputs) -> None:
+    def _note(self, told: ToldAdvice, guidance: GuideWord | None, again: Advice | None, now: HapticInputs) -> None:
         """Tell the leader whether its advice has reached the rider."""
         advice = again or (None if guidance is None else guidance.advice)
         if advice is None:
@@ -162,7 +162,7 @@ class HapticGuide:
         else:
             self.leader.note_unsaid()
 
-    def _sentence(self, again: Advice | None, guidance: Guidance | None, now: HapticInputs) -> str:
+    def _sentence(self, again: Advice | None, guidance: GuideWord | None, now: HapticInputs) -> str:
         """Return a sentence to be spoken besides symbols: an answer, a new level of help, an offer, or the end of leading."""
         if self._asked.where:
             return where_words(now.pose, self.around(), self.leader.step_words)
@@ -177,7 +177,7 @@ class HapticGuide:
             return self.state.text or "Nothing has been said yet."
         return ""
 
-    def _next_asked(self, told: Told, again: Advice | None, now_ns: int) -> _Asked:
+    def _next_asked(self, told: ToldAdvice, again: Advice | None, now_ns: int) -> _Asked:
         """Return the wishes for the next tick, by the glove's button too: once for again, twice for where.
 
         A wish to hear it again waits for the gap after the symbol before, but not for long.
@@ -191,7 +191,7 @@ class HapticGuide:
         return _Asked(again=waits, pressed_ns=asked.pressed_ns, again_ns=since_ns if waits else None)
 
     def _state(
-        self, now: HapticInputs, guidance: Guidance | None, told: Told, sentence: str, withheld: str
+        self, now: HapticInputs, guidance: GuideWord | None, told: ToldAdvice, sentence: str, withheld: str
     ) -> HapticState:
         leader, shown = self.leader, self._teller.shown(self.state, told, now.now_ns)
         if sentence:

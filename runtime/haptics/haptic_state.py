@@ -32,7 +32,7 @@ class HapticInputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class RiderSurroundings:
     """What the chair can tell of its place: `places` of the map, and sentences about free ways, doorways and things near."""
 
     places: tuple[Place, ...] = ()

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from waychair.control.haptics.learning import RiderLearner, expected
-from waychair.control.haptics.patterns import Vocabulary
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.errors import GloveError
 from waychair.firmware_bridge.glove.messages import PlayStep
@@ -78,7 +78,7 @@ class GameAnswer:
 
 
 def play_game(
-    player: Player, words: Vocabulary, learner: RiderLearner, seconds: float, seed: int = 0
+    player: Player, words: TouchVocabulary, learner: RiderLearner, seconds: float, seed: int = 0
 ) -> Iterator[GameAnswer]:
     """Yield the answers of a game of so many seconds, while the learner learns from them.
 
@@ -107,7 +107,7 @@ def _rest(player: Player) -> None:
             rests_ns = player.now_ns
 
 
-def _asked(player: Player, words: Vocabulary, symbol: Symbol) -> GameAnswer:
+def _asked(player: Player, words: TouchVocabulary, symbol: Symbol) -> GameAnswer:
     pattern = words.pattern(Advice(symbol, 0, 0))
     problem = player.play(pattern.steps(), PRIORITY[symbol])
     if problem:

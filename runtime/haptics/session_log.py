@@ -13,8 +13,8 @@ from typing import ClassVar
 
 from waychair.control.haptics.symbols import Symbol
 from waychair.errors import SessionLogError
-from waychair.runtime.consented_rows import ConsentedRows, data_folder
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState
+from waychair.runtime.rider.consented_rows import ConsentedRows, data_folder
 
 LONGEST_TICK_S = 0.5
 """s; a longer gap between two ticks is not counted as time driven."""

@@ -7,8 +7,8 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import Guidance, GuideInputs, GuideState, Phase
-from waychair.control.haptics.guide import Guide
+from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase
+from waychair.control.haptics.guide import GuideConstants
 from waychair.control.haptics.guide_numbers import NUDGES, VALID_NS
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
@@ -66,7 +66,7 @@ class StepLeader:
         """Forget the plan: after a silence, or on another map, the steps begin from where the chair is."""
         self._plan = self._planning = None
 
-    def step(self, now: GuideInputs) -> Guidance | None:
+    def step(self, now: GuideInputs) -> GuideWord | None:
         """Return the guidance of a tick; None while there is no goal or no plan yet."""
         self.learner.note_motion(now.now_ns, now.twist)
         if self.goal is None:
@@ -76,7 +76,7 @@ class StepLeader:
         self._take_plan()
         if self._plan is None:
             return None
-        guide = Guide(self._body, self.learner.model, self._durations)
+        guide = GuideConstants(self._body, self.learner.model, self._durations)
         self._before = self._memory
         guidance, self._memory = guide.step(self._plan, self._memory, now)
         if guidance.arrived:
@@ -100,7 +100,11 @@ class StepLeader:
         memory = self._memory
         if self._plan is None or memory.said is None:
             return None
-        symbol = {Phase.GO: Symbol.FORWARD, Phase.BACK: Symbol.BACK, Phase.DONE: Symbol.ARRIVED}.get(memory.phase)
+        symbol = {
+            LeadingPhase.GO: Symbol.FORWARD,
+            LeadingPhase.BACK: Symbol.BACK,
+            LeadingPhase.DONE: Symbol.ARRIVED,
+        }.get(memory.phase)
         if symbol is None:
             left = memory.said is Symbol.SWIVEL_LEFT or (
                 memory.said is not Symbol.SWIVEL_RIGHT and wrap_angle(memory.heading - now.pose.theta) > 0.0

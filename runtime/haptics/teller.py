@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from waychair.control.haptics.advice import AdviceMemory, advise, valid_ms
-from waychair.control.haptics.patterns import Vocabulary, vocabulary
+from waychair.control.haptics.patterns import TouchVocabulary, vocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.control.haptics.words import Wording, advice_words
@@ -22,7 +22,7 @@ REPEAT_OFFER = "say or press repeat to hear it again"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ToldAdvice:
     """One tick: the advice that was said, in words for the page, and why it was not felt, if it was not.
 
     `offer`: the sentence with which advice fell silent; `repeats` and `yes`: presses of the glove's buttons.
@@ -52,7 +52,9 @@ class Teller:
         self._sounds = sounds
         self._words = vocabulary(profile.layout)
 
-    def tick(self, wanted: Sequence[Advice], now_ns: int, *, asked: bool = False, reacted: bool | None = None) -> Told:
+    def tick(
+        self, wanted: Sequence[Advice], now_ns: int, *, asked: bool = False, reacted: bool | None = None
+    ) -> ToldAdvice:
         """Say the advice that is due now; arguments as of `advise`. The glove's button "repeat" asks as well."""
         yes = repeats = 0
         if self._glove is not None:
@@ -68,7 +70,7 @@ class Teller:
             offer = REPEAT_OFFER if done.offer_repeat else ""
             if offer and self._sounds is not None:
                 self._sounds.tell(offer, None, now_ns, interrupts=False)
-            return Told(offer=offer, yes=yes, repeats=repeats)
+            return ToldAdvice(offer=offer, yes=yes, repeats=repeats)
         return replace(self._say(done.say, now_ns, done.interrupts), yes=yes, repeats=repeats)
 
     def announce(self, sentence: str, now_ns: int) -> None:
@@ -91,7 +93,7 @@ class Teller:
             return self._glove.problem(now_ns)
         return "there is neither a glove nor a voice: plug in the glove, or switch speech on"
 
-    def shown(self, before: HapticState, told: Told, now_ns: int) -> HapticState:
+    def shown(self, before: HapticState, told: ToldAdvice, now_ns: int) -> HapticState:
         """Return the channels' state after a tick: the symbol said last, and glove and notices as they are now."""
         shown = replace(
             before,
@@ -112,7 +114,7 @@ class Teller:
         )
 
     @property
-    def words(self) -> Vocabulary:
+    def words(self) -> TouchVocabulary:
         """The symbols' patterns for this rider's layout."""
         return self._words
 
@@ -126,7 +128,7 @@ class Teller:
             told += self._sounds.notices
         return tuple(told)
 
-    def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> Told:
+    def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> ToldAdvice:
         unfelt = self._feel(advice, now_ns)
         if self._sounds is not None:
             felt = self._glove is not None and not unfelt
@@ -134,7 +136,7 @@ class Teller:
                 self._sounds.keep_quiet(now_ns)
             wording = Wording(self._profile.wording)
             self._sounds.tell(advice_words(advice, wording), advice, now_ns, interrupts)
-        return Told(advice, advice_words(advice, Wording.FULL), unfelt)
+        return ToldAdvice(advice, advice_words(advice, Wording.FULL), unfelt)
 
     def _feel(self, advice: Advice, now_ns: int) -> str:
         """Play advice on the glove; return why it is not felt."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from waychair.control.behaviours.commands import sector_of
 from waychair.geometry import wrap_angle
-from waychair.runtime.haptics.haptic_state import Surroundings
+from waychair.runtime.haptics.haptic_state import RiderSurroundings
 from waychair.types import Place, Pose2
 
 AT_PLACE = 0.7
@@ -31,7 +31,7 @@ _SIDES = (
 )
 
 
-def where_words(pose: Pose2 | None, round_me: Surroundings, step: str = "") -> str:
+def where_words(pose: Pose2 | None, round_me: RiderSurroundings, step: str = "") -> str:
     """Return where the chair is, what is near, and the present step in words; `pose` None: it is not known."""
     told = [_place_words(pose, round_me.places), *round_me.near[:MOST_NEAR]]
     if step:

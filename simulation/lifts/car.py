@@ -33,7 +33,7 @@ class LiftFault(enum.Enum):
     STOPS_ELSEWHERE = "stops elsewhere"  # every second ride ends one stop off
 
 
-class Obstruction(enum.Enum):
+class LeafObstruction(enum.Enum):
     """What is in the way of closing leaves."""
 
     NONE = 0
@@ -90,7 +90,7 @@ class Car:
             return self.heights[self.at]
         return self.heights[self.came_from] + self.ride.at((now_ns - self.ride_ns) * 1e-9)[0]
 
-    def step(self, now_ns: int, seconds: float, obstruction: Obstruction) -> bool:
+    def step(self, now_ns: int, seconds: float, obstruction: LeafObstruction) -> bool:
         """Let time pass up to `now_ns`; return whether a ride begins now. `obstruction` is for a closing door."""
         if self.fault is LiftFault.NEVER_COMES:
             return False
@@ -107,17 +107,17 @@ class Car:
         if self.opened > 0.0:
             if self.holds:
                 self.rest_until_ns = now_ns + round(DWELL_S * 1e9)
-            elif obstruction is not Obstruction.NONE and self.kind is DoorKind.CURTAIN:
+            elif obstruction is not LeafObstruction.NONE and self.kind is DoorKind.CURTAIN:
                 self.rest_until_ns = now_ns + round(1e9)
             else:
                 self.moves = -1
             return False
         return bool(self.calls) and self._set_off(now_ns)
 
-    def _slide(self, now_ns: int, seconds: float, obstruction: Obstruction) -> None:
+    def _slide(self, now_ns: int, seconds: float, obstruction: LeafObstruction) -> None:
         if self.moves < 0 and self._reopens(obstruction):
             self.open(now_ns)
-        elif self.moves < 0 and obstruction is Obstruction.TOUCHED:
+        elif self.moves < 0 and obstruction is LeafObstruction.TOUCHED:
             return  # it pushes on
         part = self.moves * LEAF_SPEED * seconds / (self.door_width / 2)
         self.opened = min(1.0, max(0.0, self.opened + part))
@@ -127,10 +127,10 @@ class Car:
         elif self.opened <= 0.0 and self.moves < 0:
             self.moves, self.rest_until_ns = 0, now_ns + round(SETTLE_S * 1e9)
 
-    def _reopens(self, obstruction: Obstruction) -> bool:
-        if obstruction is Obstruction.NONE or self.kind is DoorKind.BAD:
+    def _reopens(self, obstruction: LeafObstruction) -> bool:
+        if obstruction is LeafObstruction.NONE or self.kind is DoorKind.BAD:
             return False
-        return self.kind is DoorKind.CURTAIN or obstruction is Obstruction.TOUCHED
+        return self.kind is DoorKind.CURTAIN or obstruction is LeafObstruction.TOUCHED
 
     def _set_off(self, now_ns: int) -> bool:
         """Ride to the next call in the present direction, else in the other."""

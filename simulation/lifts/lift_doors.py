@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from waychair.errors import WorldError
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.moving import SlidingLeaf
-from waychair.simulation.scene.scene import Lift
+from waychair.simulation.scene.scene import LiftCabin
 from waychair.types import Pose2
 
 _NEAR = 0.4
@@ -24,7 +24,7 @@ class LiftDoor:
     leaves: tuple[SlidingLeaf, SlidingLeaf]
 
 
-def door_of(lift: Lift, world: World) -> LiftDoor:
+def door_of(lift: LiftCabin, world: World) -> LiftDoor:
     """Return a lift's doorway on a level: the door with a name in the wall before its cabin.
 
     Raises:

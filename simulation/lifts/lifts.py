@@ -20,7 +20,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import WorldError
-from waychair.simulation.lifts.car import Car, DoorKind, LiftFault, Obstruction
+from waychair.simulation.lifts.car import Car, DoorKind, LeafObstruction, LiftFault
 from waychair.simulation.lifts.lift_doors import LiftDoor, door_of
 from waychair.simulation.lifts.passengers import (
     PAUSE_S,
@@ -34,7 +34,7 @@ from waychair.simulation.lifts.passengers import (
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
 from waychair.simulation.scene.moving import SlidingLeaf
-from waychair.simulation.scene.scene import Block, Lift, PersonState
+from waychair.simulation.scene.scene import Block, LiftCabin, PersonState
 from waychair.simulation.scene.seeds import random_stream
 from waychair.types import FloatArray, Pose2
 
@@ -52,7 +52,7 @@ _CHAIR_CIRCLES = ((0.0, 0.35), (0.3, 0.35), (0.6, 0.3))
 class CallableLift:
     """A lift with its stops: the names of its levels from bottom to top, its cabin and doorway on each level's map."""
 
-    cabins: Mapping[str, Lift]
+    cabins: Mapping[str, LiftCabin]
     stops: tuple[str, ...]
     doors: Mapping[str, LiftDoor]
 
@@ -225,7 +225,7 @@ class Lifts:
         car, known, now_ns = self._cars[name], self.lifts[name], self._now_ns
         level = known.stops[car.at]
         closes = car.opened > 0.0
-        struck = self._obstruction(known, level, car) if closes else Obstruction.NONE
+        struck = self._obstruction(known, level, car) if closes else LeafObstruction.NONE
         begins = car.step(now_ns, STEP_NS * 1e-9, struck)
         if begins:
             here, there = known.stops[car.came_from], known.stops[car.at]
@@ -240,29 +240,29 @@ class Lifts:
             for chair in self._chairs.values():
                 chair.rides = "" if chair.rides == name else chair.rides
 
-    def _obstruction(self, known: CallableLift, level: str, car: Car) -> Obstruction:
+    def _obstruction(self, known: CallableLift, level: str, car: Car) -> LeafObstruction:
         """Return what is in the way of the leaves' next step, and note the chairs that they press on."""
         door = known.doors[level]
         after = max(0.0, car.opened - 0.3 * STEP_NS * 1e-9 / (door.width / 2))
         leaves = solid_from_blocks([leaf.block(after) for leaf in door.leaves])
         between = solid_from_blocks([Block(door.middle @ Pose2(0.0, 0.0, math.pi / 2), door.width, 0.1, 0.0, 2.0)])
-        found = Obstruction.NONE
+        found = LeafObstruction.NONE
         for chair in self._chairs.values():
             chair.struck = False
             if chair.level != level or chair.rides:
                 continue
             if car.moves < 0 and in_contact(leaves, chair.body, chair.pose):
-                chair.struck, found = True, Obstruction.TOUCHED
-            elif found is Obstruction.NONE and in_contact(between, chair.body, chair.pose):
-                found = Obstruction.BETWEEN
+                chair.struck, found = True, LeafObstruction.TOUCHED
+            elif found is LeafObstruction.NONE and in_contact(between, chair.body, chair.pose):
+                found = LeafObstruction.BETWEEN
         for each in self._passengers:
-            if found is not Obstruction.NONE or not each.here or self._level_of(each) != level:
+            if found is not LeafObstruction.NONE or not each.here or self._level_of(each) != level:
                 continue
             at = door.middle.inverse() @ Pose2(each.x, each.y)
             if abs(at.x) < RADIUS and abs(at.y) < door.width / 2:
                 shown = door.width / 2 * (1.0 - after)
                 touches = door.width / 2 - abs(at.y) < shown + RADIUS
-                found = Obstruction.TOUCHED if touches and car.moves < 0 else Obstruction.BETWEEN
+                found = LeafObstruction.TOUCHED if touches and car.moves < 0 else LeafObstruction.BETWEEN
         return found
 
     def _new_passenger(self) -> Passenger:
@@ -415,9 +415,9 @@ def _heights(levels: Sequence[World]) -> dict[str, float]:
     return heights
 
 
-def _lifts_of(levels: Sequence[World]) -> dict[str, dict[str, Lift]]:
+def _lifts_of(levels: Sequence[World]) -> dict[str, dict[str, LiftCabin]]:
     """Return each lift by its name, and by the levels at which it stops."""
-    known: dict[str, dict[str, Lift]] = {}
+    known: dict[str, dict[str, LiftCabin]] = {}
     for world in levels:
         for lift in world.lifts:
             known.setdefault(lift.name, {})[world.level] = lift

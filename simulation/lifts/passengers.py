@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.simulation.people.people import STRIDE
-from waychair.simulation.scene.scene import Behaviour, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonState
 from waychair.types import FloatArray, Pose2
 
 SPEED, RADIUS = 0.8, 0.25
@@ -62,7 +62,7 @@ class Passenger:
         """Return it for the sensors."""
         stride = self.walked * math.tau / STRIDE % math.tau
         pose = Pose2(self.x, self.y, self.heading)
-        return PersonState(pose, self.speed, stride, RADIUS, Behaviour.PATH, self.seed)
+        return PersonState(pose, self.speed, stride, RADIUS, PersonBehaviour.PATH, self.seed)
 
     def walk(self, seconds: float, others: FloatArray) -> bool:
         """Walk on along `way` unless somebody in (N, 3) x, y, radius [m] is close ahead; return whether it is there."""

@@ -29,7 +29,7 @@ from waychair.simulation.people.person_surroundings import (
 )
 from waychair.simulation.people.rails import rail_from_path
 from waychair.simulation.people.walking import BOUNCE, PERSON, TOP_SPEED, WalkingSpace, move_people
-from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan, PersonState
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 LONGEST_STEP_NS = 50_000_000
@@ -72,7 +72,7 @@ class SimulatedPeople:
         for number, (plan, rail) in enumerate(zip(self._plans, rails, strict=True)):
             _check_plan(number, plan, grid, self._walls)
             person = self._people[number]
-            person["behaviour"] = tuple(Behaviour).index(plan.behaviour)
+            person["behaviour"] = tuple(PersonBehaviour).index(plan.behaviour)
             for name in ("yields", "radius", "speed", "trigger", "rest"):
                 person[name] = getattr(plan, name)
             person["sign"], person["x"], person["y"], person["heading"] = 1.0, *rail[0, 1:4]
@@ -129,7 +129,7 @@ def _check_plan(number: int, plan: PersonPlan, grid: OccupancyGrid, walls: Walls
         raise WorldError(
             f"{person} has a speed of {plan.speed:g} m/s: give a speed above 0 and up to {TOP_SPEED:g} m/s"
         )
-    if plan.behaviour is Behaviour.SEATED:
+    if plan.behaviour is PersonBehaviour.SEATED:
         return
     x, y = (float(value) for value in plan.path[0])
     if not inside(grid, cells_from_points(grid, plan.path[:1])).all():

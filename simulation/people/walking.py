@@ -25,7 +25,7 @@ from waychair.simulation.people.person_surroundings import (
 )
 from waychair.simulation.people.rails import ACCELERATION, SPACING, rail_at
 from waychair.simulation.people.social_force import capped, goal_force, repulsion, veered, wall_repulsion, weight
-from waychair.simulation.scene.scene import Behaviour
+from waychair.simulation.scene.scene import PersonBehaviour
 from waychair.types import FloatArray
 
 PERSON = np.dtype(
@@ -61,8 +61,14 @@ Person: TypeAlias = Any
 """A row of a Crowd; numba reads and writes its fields as attributes."""
 
 PATH, SOCIAL, SEATED, SUDDEN, BOUNCE = (
-    tuple(Behaviour).index(behaviour)
-    for behaviour in (Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SEATED, Behaviour.SUDDEN, Behaviour.BOUNCE)
+    tuple(PersonBehaviour).index(behaviour)
+    for behaviour in (
+        PersonBehaviour.PATH,
+        PersonBehaviour.SOCIAL,
+        PersonBehaviour.SEATED,
+        PersonBehaviour.SUDDEN,
+        PersonBehaviour.BOUNCE,
+    )
 )
 
 TURN_RATE = 3.0

@@ -24,7 +24,7 @@ from waychair.simulation.plan.floor_plan import (
     PlanWall,
     Point,
 )
-from waychair.simulation.scene.scene import MATERIALS, Behaviour
+from waychair.simulation.scene.scene import MATERIALS, PersonBehaviour
 
 MOST_CELLS = 50_000_000
 """Largest grid that a plan may need [cells]."""
@@ -194,18 +194,18 @@ def _repeated_names(plan: FloorPlan) -> _Problems:
 
 
 def _person_problems(person: PlanPerson) -> _Problems:
-    known = [behaviour.value for behaviour in Behaviour]
+    known = [behaviour.value for behaviour in PersonBehaviour]
     if person.behaviour not in known:
         yield ("behaviour",), f"unknown behaviour '{person.behaviour}'; did you mean '{_nearest(person.behaviour, known)}'?"  # fmt: skip
         return
-    behaviour = Behaviour(person.behaviour)
-    needed = {Behaviour.SEATED: 1, Behaviour.BOUNCE: 0}.get(behaviour, 2)
+    behaviour = PersonBehaviour(person.behaviour)
+    needed = {PersonBehaviour.SEATED: 1, PersonBehaviour.BOUNCE: 0}.get(behaviour, 2)
     if len(person.path) < needed:
         yield ("path",), f"a person of behaviour {behaviour.value} needs at least {needed} point{'s' * (needed > 1)}, not {len(person.path)}; add points"  # fmt: skip
     for begin, end in pairwise(person.path):
         if math.dist(begin, end) < 0.05:
             yield ("path",), f"({begin[0]:g}, {begin[1]:g}) comes twice; give points at least 5 cm apart"
-    if person.count > 1 and (behaviour is not Behaviour.BOUNCE or person.path):
+    if person.count > 1 and (behaviour is not PersonBehaviour.BOUNCE or person.path):
         yield ("count",), f"{person.count} people at one place; only movers that bounce and have no path may have a count, so give each person its own entry"  # fmt: skip
 
 

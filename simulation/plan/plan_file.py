@@ -86,14 +86,14 @@ class LevelPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Building:
+class PlannedBuilding:
     """The content of a file: at least one level; in a plan without `levels` it has the building's name."""
 
     name: str
     levels: tuple[LevelPlan, ...]
 
 
-def load_building(path: Path) -> Building:
+def load_building(path: Path) -> PlannedBuilding:
     """Return the plans of a file, each checked by itself and against the others; checks on the grid come later.
 
     Raises:
@@ -106,24 +106,24 @@ def load_building(path: Path) -> Building:
     if "levels" in values:
         plan = _converted(values, BuildingPlan, source)
         levels = tuple(LevelPlan(p, PlanSource(path, source.root, ("levels", i))) for i, p in enumerate(plan.levels))
-        building = Building(plan.name, levels)
+        building = PlannedBuilding(plan.name, levels)
     else:
         single = _converted(values, FloorPlan, source)
-        building = Building(single.name, (LevelPlan(single, source),))
+        building = PlannedBuilding(single.name, (LevelPlan(single, source),))
     _check(building, source, has_levels="levels" in values)
     return building
 
 
-def checked_building(plan: BuildingPlan) -> Building:
+def checked_building(plan: BuildingPlan) -> PlannedBuilding:
     """Return the plans of a building that no file holds; raises WorldError as `load_building`, without true lines."""
     path, root = Path(plan.name), yaml.MappingNode("tag:yaml.org,2002:map", [], yaml.Mark("", 0, 0, 0, None, 0))
     levels = tuple(LevelPlan(level, PlanSource(path, root, ("levels", i))) for i, level in enumerate(plan.levels))
-    building = Building(plan.name, levels)
+    building = PlannedBuilding(plan.name, levels)
     _check(building, PlanSource(path, root), has_levels=True)
     return building
 
 
-def _check(building: Building, source: PlanSource, *, has_levels: bool) -> None:
+def _check(building: PlannedBuilding, source: PlanSource, *, has_levels: bool) -> None:
     """Check each level by itself and against the others."""
     for level in building.levels:
         for keys, problem in plan_problems(level.plan):

@@ -15,10 +15,10 @@ from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
 from waychair.simulation.plan.plan_blocks import pose_on_wall, solid_pieces
 from waychair.simulation.scene.scene import (
     MATERIALS,
-    Behaviour,
     Block,
     Finish,
     Lamp,
+    PersonBehaviour,
     PersonPlan,
     Poster,
     Reflection,
@@ -158,7 +158,7 @@ def people_from_plan(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tup
             )
         people += [
             PersonPlan(
-                behaviour=Behaviour(person.behaviour),
+                behaviour=PersonBehaviour(person.behaviour),
                 path=path,
                 speed=person.speed,
                 yields=person.yields,

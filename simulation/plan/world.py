@@ -30,7 +30,7 @@ from waychair.simulation.plan.plan_blocks import (
     pose_on_wall,
     slopes_from_plan,
 )
-from waychair.simulation.plan.plan_file import Building, checked_building, load_building
+from waychair.simulation.plan.plan_file import PlannedBuilding, checked_building, load_building
 from waychair.simulation.plan.plan_fittings import (
     CLEAR_OF_START,
     finish_from_plan,
@@ -40,7 +40,7 @@ from waychair.simulation.plan.plan_fittings import (
     tags_from_plan,
 )
 from waychair.simulation.scene.rectangles import blocks_from_grid
-from waychair.simulation.scene.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope, WallTag
+from waychair.simulation.scene.scene import Block, Finish, Lamp, LiftCabin, PersonPlan, Pit, Poster, Slope, WallTag
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
 
@@ -94,7 +94,7 @@ class World:
     lamps: tuple[Lamp, ...] = ()
     finish: Finish = field(default_factory=Finish)
     people: tuple[PersonPlan, ...] = ()
-    lifts: tuple[Lift, ...] = ()
+    lifts: tuple[LiftCabin, ...] = ()
 
     @property
     def gaps(self) -> tuple[Pit, ...]:
@@ -185,7 +185,7 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
         raise WorldError(f"'{building.name}' has no level '{level}': take one of {', '.join(levels)}")
     chosen = building.levels[0] if level is None else levels[level]
     lifts = tuple(
-        Lift(
+        LiftCabin(
             lift.name,
             Pose2(*lift.middle),
             *lift.size,
@@ -208,7 +208,7 @@ def load_levels(name_or_path: str | Path) -> tuple[World, ...]:
     return tuple(load_world(name_or_path, level) for level in levels_of(name_or_path))
 
 
-def _building(name_or_path: str | Path) -> Building:
+def _building(name_or_path: str | Path) -> PlannedBuilding:
     """Return the plans of a world: drawn from a seed, or of a file."""
     name, colon, seed = str(name_or_path).partition(":")
     if name != HOSPITAL or (colon and not seed.isdigit()):
@@ -226,7 +226,7 @@ def _path(name_or_path: str | Path) -> Path:
     return WORLDS / f"{name_or_path}.yaml"
 
 
-def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()) -> World:
+def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[LiftCabin, ...] = ()) -> World:
     """Return the world of one level of a building; `load_building` must have checked its plan and `lifts`."""
     blocks, slopes, pits = blocks_from_plan(plan, building), slopes_from_plan(plan, building), pits_from_plan(plan)
     grid = grid_from_plan(plan, MARGIN, blocks, slopes, pits)

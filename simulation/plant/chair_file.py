@@ -41,7 +41,7 @@ _SPREADS = (
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedChair:
+class SimulatedChairData:
     """A simulated chair: its body, its drive, and the further figures of the MuJoCo plant."""
 
     body: ChairBody = field(default_factory=ChairBody)
@@ -88,13 +88,13 @@ _PHYSICS = {
     ROBOT.chair_id: _LIGHT,
 }
 
-CHAIRS: Mapping[str, SimulatedChair] = MappingProxyType(
-    {name: SimulatedChair(body, mujoco=_PHYSICS.get(name, MujocoSettings())) for name, body in BODIES.items()}
+CHAIRS: Mapping[str, SimulatedChairData] = MappingProxyType(
+    {name: SimulatedChairData(body, mujoco=_PHYSICS.get(name, MujocoSettings())) for name, body in BODIES.items()}
 )
 """The built-in chairs by name."""
 
 
-def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChair:
+def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChairData:
     """Return the built-in chair of this name, or the chair of a YAML file.
 
     Raises:
@@ -108,7 +108,7 @@ def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChair:
     return CHAIRS[str(name_or_path)]
 
 
-def randomised_chair(chair: SimulatedChair, seed: int) -> SimulatedChair:
+def randomised_chair(chair: SimulatedChairData, seed: int) -> SimulatedChairData:
     """Return another chair of the same make with another rider; the body, which is measured by tape, stays the same.
 
     The drive varies as in `plant.randomised`; the rider's mass by +-25 % and position by +-3 cm, motors by +-10 %, drag
@@ -118,12 +118,12 @@ def randomised_chair(chair: SimulatedChair, seed: int) -> SimulatedChair:
     return dataclasses.replace(chair, plant=randomised(chair.plant, seed), mujoco=drawn(chair.mujoco, _SPREADS, rng))
 
 
-def _chair_from_file(path: Path) -> SimulatedChair:
+def _chair_from_file(path: Path) -> SimulatedChairData:
     values = load_yaml(path, ConfigError)
     values = {} if values is None else values
-    _refuse_unknown_keys(SimulatedChair, values, str(path))
+    _refuse_unknown_keys(SimulatedChairData, values, str(path))
     try:
-        return msgspec.convert(with_angles(SimulatedChair, values, str(path)), SimulatedChair)
+        return msgspec.convert(with_angles(SimulatedChairData, values, str(path)), SimulatedChairData)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {error}; correct the value") from error
 

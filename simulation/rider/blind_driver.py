@@ -16,7 +16,7 @@ import numpy as np
 from waychair.firmware_bridge.glove.layouts import TactorLayout
 from waychair.firmware_bridge.glove.levels import MotorLevels
 from waychair.firmware_bridge.glove.messages import PlayStep
-from waychair.simulation.rider.hand import Hand, HandModel
+from waychair.simulation.rider.hand import HandModel, StickHand
 from waychair.simulation.rider.skin import FeltBurst, Recogniser, Skin, SkinModel
 from waychair.types import JoystickInput
 
@@ -81,7 +81,7 @@ class BlindDriver:
         self._skin = Skin(layout, m.skin, streams[0])
         self._recogniser = Recogniser(layout, dict(learnt), m.skin)
         self._names = [name for name in learnt if name in ANSWERS and ANSWERS[name] != "stop"]
-        self._hand = Hand(m.hand, streams[1])
+        self._hand = StickHand(m.hand, streams[1])
         self._waiting: list[Felt] = []
         self._heard_ns: int | None = None
         self._now_ns: int | None = None

@@ -34,7 +34,7 @@ class HandModel:
     lag_s: float = 0.06
 
 
-class Hand:
+class StickHand:
     """A hand that moves the stick; `step` once for every control step of the driver."""
 
     def __init__(self, model: HandModel, rng: np.random.Generator) -> None:

@@ -146,7 +146,7 @@ SILL_AHEAD, SHAFT_DEPTH = 0.05, 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Lift:
+class LiftCabin:
     """A lift's cabin that stops at several levels; `middle` is its pose in each level's map, facing its door.
 
     `gap` [m] is the width of the slit between the car's floor and the sill of its doorway.
@@ -170,7 +170,7 @@ class Lift:
         return abs(inside.x) <= self.length / 2 and abs(inside.y) <= self.width / 2
 
 
-class Behaviour(enum.Enum):
+class PersonBehaviour(enum.Enum):
     """The way a person moves."""
 
     PATH = "path"  # to and fro along a path; one that yields stops for obstacles on it
@@ -187,7 +187,7 @@ class PersonPlan:
     One who walks to and fro stays for `rest` [s] at each end.
     """
 
-    behaviour: Behaviour
+    behaviour: PersonBehaviour
     path: FloatArray
     speed: float = 1.0
     yields: bool = True
@@ -204,12 +204,12 @@ class PersonState:
     speed: float
     stride: float
     radius: float
-    behaviour: Behaviour
+    behaviour: PersonBehaviour
     seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class ChairState:
+class OtherChair:
     """Another wheelchair at one moment, for the sensors: pose in map (`map_from_base`), body and number in its level."""
 
     pose: Pose2
@@ -217,7 +217,7 @@ class ChairState:
     number: int
 
 
-Mover: TypeAlias = PersonState | ChairState
+Mover: TypeAlias = PersonState | OtherChair
 """Anything that moves and that sensors see."""
 
 

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.simulation.scene.scene import Behaviour, ChairState, Mover
+from waychair.simulation.scene.scene import Mover, OtherChair, PersonBehaviour
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.simulation.sensors.silhouettes import (
     CHAIR_LEG_RADIUS,
@@ -111,12 +111,12 @@ def body_meshes(people: Sequence[Mover], looks: Sequence[str]) -> BodyMeshes:
 
 def _limbs(person: Mover) -> list[_Limb]:
     """Return a person's limbs; a walker's legs swing by the sine of the stride and the arms against them."""
-    if isinstance(person, ChairState):
+    if isinstance(person, OtherChair):
         return _rider_and_chair(person.body)
-    if person.behaviour is Behaviour.BOUNCE:
+    if person.behaviour is PersonBehaviour.BOUNCE:
         return [_Limb((0.0, 0.0, 0.0), (0.0, 0.0, MOVER_HEIGHT), person.radius, "jacket", round=False)]
     build = 0.72 * person.radius
-    if person.behaviour is Behaviour.SEATED:
+    if person.behaviour is PersonBehaviour.SEATED:
         shins = [_Limb((x, y, LEG_RADIUS), (x, y, SEAT_HEIGHT), LEG_RADIUS, "trousers") for x, y in SHINS]
         thighs = [_Limb((x, y, SEAT_HEIGHT), (0.0, y, SEAT_HEIGHT), 1.3 * LEG_RADIUS, "trousers") for x, y in SHINS]
         chair = [_Limb((x, y, CHAIR_LEG_RADIUS), (x, y, SEAT_HEIGHT), CHAIR_LEG_RADIUS, "chair") for x, y in CHAIR_LEGS]
@@ -190,7 +190,7 @@ def _placed(people: Sequence[Mover], points: Sequence[tuple[int, _Point]]) -> Fl
 
 def _seed(person: Mover, number: int, part: str) -> int:
     """Return a limb's seed; those of one part differ in the last bits only: same colour, different pattern."""
-    owner = person.number if isinstance(person, ChairState) else person.seed
+    owner = person.number if isinstance(person, OtherChair) else person.seed
     return (seed_from_names(part, owner) << 4 & 0xFFFFFFF0) | number
 
 

@@ -43,7 +43,7 @@ class Joints:
 
 
 @dataclass(frozen=True, slots=True)
-class Pattern:
+class LookPattern:
     """The numbers of a pattern; marks lie in cells of four sizes [m], at most one per cell."""
 
     clouds: Clouds = Clouds()
@@ -61,39 +61,39 @@ WOOD_CELLS = (0.4, 0.12, 0.04, 0.012)
 METAL_CELLS = (0.35, 0.1, 0.03, 0.01)
 POSTER_CELLS = (0.24, 0.08, 0.032, 0.012)
 
-PATTERNS: Mapping[str, Pattern] = MappingProxyType(
+PATTERNS: Mapping[str, LookPattern] = MappingProxyType(
     {
-        "plaster": Pattern(Clouds(0.7, 0.5, 0.14), contrasts=(0.30, 0.42, 0.50, 0.45), density=0.45, variety=0.05),
-        "concrete": Pattern(
+        "plaster": LookPattern(Clouds(0.7, 0.5, 0.14), contrasts=(0.30, 0.42, 0.50, 0.45), density=0.45, variety=0.05),
+        "concrete": LookPattern(
             Clouds(0.8, 0.3, 0.28), Joints(2.4, 1.2, 0.008, 0.4, 0.1), contrasts=(0.35, 0.5, 0.6, 0.5)
         ),
-        "tiles": Pattern(Clouds(0.9, 0.9, 0.12), Joints(0.45, 0.45, 0.006, 0.5, 0.14), contrasts=(0.2, 0.4, 0.6, 0.5)),
-        "panels": Pattern(
+        "tiles": LookPattern(Clouds(0.9, 0.9, 0.12), Joints(0.45, 0.45, 0.006, 0.5, 0.14), contrasts=(0.2, 0.4, 0.6, 0.5)),
+        "panels": LookPattern(
             Clouds(1.5, 1.5, 0.08), Joints(0.6, 0.6, 0.012, 0.5, 0.06), contrasts=(0.2, 0.4, 0.5, 0.5), density=0.6
         ),
-        "wood": Pattern(
+        "wood": LookPattern(
             Clouds(0.9, 0.04, 0.35), Joints(1.0, 0.25, 0.004, 0.5, 0.15), WOOD_CELLS, (0.2, 0.4, 0.45, 0.4),
             density=0.4, stretch=3.0, tilt=0.4, colourful=0.15, variety=0.3,
         ),
-        "cloth": Pattern(
+        "cloth": LookPattern(
             Clouds(0.3, 0.3, 0.15), Joints(0.012, 0.012, 0.003, 0.3, 0.2), contrasts=(0.3, 0.4, 0.3, 0.2),
             colourful=0.3, variety=0.15,
         ),
-        "leather": Pattern(Clouds(0.2, 0.2, 0.3), Joints(0.5, 0.35, 0.01, 0.4, 0.1), contrasts=(0.1, 0.2, 0.3, 0.4)),
-        "metal": Pattern(
+        "leather": LookPattern(Clouds(0.2, 0.2, 0.3), Joints(0.5, 0.35, 0.01, 0.4, 0.1), contrasts=(0.1, 0.2, 0.3, 0.4)),
+        "metal": LookPattern(
             Clouds(1.0, 0.02, 0.14), Joints(0.9, 0.9, 0.006, 0.5, 0.08), METAL_CELLS, (0.15, 0.3, 0.3, 0.3),
             density=0.3, stretch=3.0, tilt=0.6,
         ),
-        "glass": Pattern(Clouds(1.0, 1.0, 0.05), contrasts=(0.05, 0.0, 0.1, 0.1), density=0.1),
-        "mirror": Pattern(Clouds(1.2, 0.8, 0.25), contrasts=(0.05, 0.0, 0.05, 0.0), density=0.1),
-        "skin": Pattern(Clouds(0.1, 0.1, 0.1), contrasts=(0.1, 0.1, 0.1, 0.1), variety=0.3),
-        "poster": Pattern(
+        "glass": LookPattern(Clouds(1.0, 1.0, 0.05), contrasts=(0.05, 0.0, 0.1, 0.1), density=0.1),
+        "mirror": LookPattern(Clouds(1.2, 0.8, 0.25), contrasts=(0.05, 0.0, 0.05, 0.0), density=0.1),
+        "skin": LookPattern(Clouds(0.1, 0.1, 0.1), contrasts=(0.1, 0.1, 0.1, 0.1), variety=0.3),
+        "poster": LookPattern(
             Clouds(0.3, 0.2, 0.2), None, POSTER_CELLS, (1.0, 0.8, 0.7, 0.5),
             density=0.7, stretch=1.4, tilt=1.0, colourful=0.6, variety=0.6,
         ),
-        "clothes": Pattern(Clouds(0.2, 0.4, 0.2), contrasts=(0.5, 0.4, 0.3, 0.2), colourful=0.3, variety=0.9),
-        "print": Pattern(Clouds(0.5, 0.5, 0.0), contrasts=(0.0, 0.0, 0.0, 0.0)),
-        "lamp": Pattern(Clouds(0.5, 0.5, 0.02), contrasts=(0.0, 0.0, 0.02, 0.0)),
+        "clothes": LookPattern(Clouds(0.2, 0.4, 0.2), contrasts=(0.5, 0.4, 0.3, 0.2), colourful=0.3, variety=0.9),
+        "print": LookPattern(Clouds(0.5, 0.5, 0.0), contrasts=(0.0, 0.0, 0.0, 0.0)),
+        "lamp": LookPattern(Clouds(0.5, 0.5, 0.02), contrasts=(0.0, 0.0, 0.02, 0.0)),
     }
 )  # fmt: skip
 """Patterns by the names of `scene.PATTERNS`, and of surfaces that have no material."""
@@ -132,7 +132,7 @@ def look_table() -> Float32Array:
     return np.array([_rows(look, PATTERNS[look.pattern]) for look in LOOKS.values()], np.float32)
 
 
-def _rows(look: Look, p: Pattern) -> list[tuple[float, ...]]:
+def _rows(look: Look, p: LookPattern) -> list[tuple[float, ...]]:
     """Return the rows of a look; lengths become their number per metre."""
     joints, tint = (0.0, 0.0, 0.0, 0.0), 0.0
     if p.joints:

@@ -24,7 +24,7 @@ from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.moving import sides_of
-from waychair.simulation.scene.scene import Block, ChairState, Mover
+from waychair.simulation.scene.scene import Block, Mover, OtherChair
 from waychair.simulation.sensors.figures import body_meshes
 from waychair.simulation.sensors.light_map import LightMap, default_lamps, light_map
 from waychair.simulation.sensors.looks import GLASS, GLASS_OPACITY, LOOKS, look_table
@@ -414,7 +414,7 @@ def _projection(camera_matrix: FloatArray, width: int, height: int) -> FloatArra
 
 def _reach(mover: Mover) -> float:
     """Return the radius [m] of the sphere round the point at 1 m height that contains a person or a chair."""
-    if not isinstance(mover, ChairState):
+    if not isinstance(mover, OtherChair):
         return PERSON_REACH
     return math.hypot(mover.body.circumscribed_radius, 1.0)
 

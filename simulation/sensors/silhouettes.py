@@ -13,7 +13,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import transform_points
-from waychair.simulation.scene.scene import Behaviour, ChairState, Mover
+from waychair.simulation.scene.scene import Mover, OtherChair, PersonBehaviour
 from waychair.simulation.sensors.rays import NO_CIRCLES
 from waychair.types import FloatArray, Pose2
 
@@ -50,12 +50,12 @@ def legs_of(person: Mover) -> FloatArray:
     A walker's two legs swing in opposite directions by the sine of the stride's phase; at phase 0 they are side by side
     and the left one goes ahead. A seated person has two shins and the chair's four legs. A BOUNCE mover is a disc.
     """
-    if isinstance(person, ChairState):
+    if isinstance(person, OtherChair):
         own = sides_of(person.body)
         return np.column_stack([transform_points(person.pose, own[:, :2]), own[:, 2]])
-    if person.behaviour is Behaviour.BOUNCE:
+    if person.behaviour is PersonBehaviour.BOUNCE:
         return _placed(person.pose, [(0.0, 0.0, person.radius)])
-    if person.behaviour is Behaviour.SEATED:
+    if person.behaviour is PersonBehaviour.SEATED:
         shins = [(x, y, LEG_RADIUS) for x, y in SHINS]
         return _placed(person.pose, shins + [(x, y, CHAIR_LEG_RADIUS) for x, y in CHAIR_LEGS])
     ahead = SWING * min(1.0, abs(person.speed) / FULL_STRIDE_SPEED) * math.sin(person.stride)
@@ -80,7 +80,7 @@ def legs(people: Iterable[Mover]) -> FloatArray:
 def bodies(people: Iterable[Mover]) -> FloatArray:
     """Return each person as one disc, and chairs by their sides, (K, 3) in map: for sonars, above the knee."""
     discs = [
-        legs_of(p) if isinstance(p, ChairState) else np.array([(p.pose.x, p.pose.y, p.radius)], np.float64)
+        legs_of(p) if isinstance(p, OtherChair) else np.array([(p.pose.x, p.pose.y, p.radius)], np.float64)
         for p in people
     ]
     return np.concatenate([NO_CIRCLES, *discs])

@@ -24,7 +24,7 @@ class Picture:
         return time
 
 
-class TrackingState(enum.Enum):
+class PictureOutcome(enum.Enum):
     """The outcome of a picture."""
 
     STARTED = "the first of a map"
@@ -40,7 +40,7 @@ class TrackedPicture:
     """The result for one picture: outcome, camera_from_map (None: unknown), landmarks (K,), observations (K, 4), key
     frame made of it or None."""
 
-    state: TrackingState
+    state: PictureOutcome
     camera_from_map: Pose3 | None = None
     landmarks: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     observed: FloatArray = field(default_factory=lambda: np.empty((0, 4)))

@@ -23,7 +23,7 @@ from waychair.slam.camera.patch_alignment import affine_kernel, align
 from waychair.slam.camera.picture_features import PictureFeatures, without_rolling_shutter
 from waychair.slam.camera.picture_registration import Registration, register
 from waychair.slam.camera.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
-from waychair.slam.camera.tracked_picture import Picture, TrackedPicture, TrackingState
+from waychair.slam.camera.tracked_picture import Picture, PictureOutcome, TrackedPicture
 from waychair.slam.camera.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
 from waychair.types import FloatArray, IntArray, Pose3, RgbdFrame
 
@@ -104,19 +104,19 @@ class VisualOdometry:
         """Process a frame; return its pose and outcome."""
         gray = gray_image(frame.image)
         if float(gray[::4, ::4].std()) < _LEAST_CONTRAST:
-            return self._count_state(TrackedPicture(TrackingState.BLIND))
+            return self._count_state(TrackedPicture(PictureOutcome.BLIND))
         picture = Picture(frame, pyramid_of(gray), frame.depth)
         if self.map is None:
             return self._count_state(self._start(picture))
         paused = self._has_paused(picture)
-        tracked = self._follow(picture, self._guess(picture, self._predict(frame.stamp_ns)), TrackingState.FOLLOWED)
+        tracked = self._follow(picture, self._guess(picture, self._predict(frame.stamp_ns)), PictureOutcome.FOLLOWED)
         if tracked is not None and self._unsure_start and picture.frame.row_step:
             tracked = self._start_again(picture, tracked)
         if tracked is None or paused or self._is_key(tracked):  # never build a map on a wrong pose
             tracked = self._better_pose(picture, tracked)
         if tracked is None:
             return self._count_state(self._begin_new_piece(picture))
-        if tracked.state is TrackingState.FOLLOWED and self._is_key(tracked):
+        if tracked.state is PictureOutcome.FOLLOWED and self._is_key(tracked):
             tracked = self._add_key(picture, tracked)
         self._remember(picture, tracked)
         return self._count_state(tracked)
@@ -128,7 +128,7 @@ class VisualOdometry:
         self.piece, key = piece, len(self._current_map.key_frames) - 1
         own = self._current_map.key_frames[key]
         self._tracked = replace(self._tracked, camera_from_map=own.camera_from_map)
-        again = self._follow(self._last, own.camera_from_map, TrackingState.FOLLOWED, self._tracked.velocity)
+        again = self._follow(self._last, own.camera_from_map, PictureOutcome.FOLLOWED, self._tracked.velocity)
         if again is not None:
             fresh = ~np.isin(again.landmarks, own.landmarks)
             own.landmarks = np.concatenate([own.landmarks, again.landmarks[fresh]])
@@ -146,11 +146,11 @@ class VisualOdometry:
         """Make the first key frame, at the map's origin; its velocity is unknown before the second picture."""
         camera = pinhole(picture.frame.camera_matrix)
         self.map, self._unsure_start = VisualMap(camera), velocity is None
-        started = TrackedPicture(TrackingState.STARTED, Pose3(np.eye(3), np.zeros(3)))
+        started = TrackedPicture(PictureOutcome.STARTED, Pose3(np.eye(3), np.zeros(3)))
         tracked = self._add_key(picture, started if velocity is None else replace(started, velocity=velocity))
         if len(tracked.landmarks) < _MIN_INLIERS:
             self.map = None
-            return TrackedPicture(TrackingState.NO_DEPTH)
+            return TrackedPicture(PictureOutcome.NO_DEPTH)
         self._remember(picture, tracked)
         return tracked
 
@@ -160,7 +160,7 @@ class VisualOdometry:
         assert tracked.camera_from_map is not None
         first, self.counts["key_frames"] = self._last, 0
         self._start(first, tracked.velocity)
-        return self._follow(picture, tracked.camera_from_map, TrackingState.FOLLOWED)
+        return self._follow(picture, tracked.camera_from_map, PictureOutcome.FOLLOWED)
 
     def _has_paused(self, picture: Picture) -> bool:
         """Return whether the last picture is so old that the guessed motion may be wrong.
@@ -181,7 +181,7 @@ class VisualOdometry:
         if self.piece != piece or len(found.landmarks) <= len(guessed.landmarks):
             self.piece = piece  # tracking stays in its piece; only a loop joins it to another
             return guessed
-        return replace(found, state=TrackingState.FOLLOWED)
+        return replace(found, state=PictureOutcome.FOLLOWED)
 
     def _remember(self, picture: Picture, tracked: TrackedPicture) -> None:
         assert tracked.camera_from_map is not None
@@ -226,7 +226,7 @@ class VisualOdometry:
         return best.now_from_before @ last
 
     def _follow(
-        self, picture: Picture, guess: Pose3, state: TrackingState, known_velocity: FloatArray | None = None
+        self, picture: Picture, guess: Pose3, state: PictureOutcome, known_velocity: FloatArray | None = None
     ) -> TrackedPicture | None:
         """Fit the pose to the landmarks of the map near `guess`; return None if too few are found."""
         settings, camera = self.settings, self._current_map.camera
@@ -248,7 +248,7 @@ class VisualOdometry:
             pose = fit.camera_from_map
         if fit.inliers.sum() < max(_MIN_INLIERS, _MIN_SHARE * good.sum()):
             return None
-        if state is TrackingState.FOLLOWED and float(np.linalg.norm(velocity[3:])) > settings.max_speed:
+        if state is PictureOutcome.FOLLOWED and float(np.linalg.norm(velocity[3:])) > settings.max_speed:
             return None
         found = wanted[good][fit.inliers]
         self._current_map.count(wanted, found, _FOUND_SHARE, 8)
@@ -378,7 +378,7 @@ class VisualOdometry:
             )
         )
         self.counts["key_frames"] += 1
-        if tracked.state is not TrackingState.STARTED:
+        if tracked.state is not PictureOutcome.STARTED:
             self.counts["given_up"] += self._current_map.adjust(self._window(key), _NOISE, _ADJUSTMENTS)
         own = self._current_map.key_frames[key]
         return TrackedPicture(
@@ -444,18 +444,18 @@ class VisualOdometry:
             return None
         own = self._current_map.key_frames[key]
         self.piece = own.piece
-        return self._follow(picture, found.old_from_new.inverse() @ own.camera_from_map, TrackingState.FOUND)
+        return self._follow(picture, found.old_from_new.inverse() @ own.camera_from_map, PictureOutcome.FOUND)
 
     def _begin_new_piece(self, picture: Picture) -> TrackedPicture:
         """Return LOST, or after a while begin a new piece of the map at the last known pose."""
         assert self._tracked is not None
         if (picture.frame.stamp_ns - self._stamp) * 1e-9 < self.settings.restart_after:
-            return TrackedPicture(TrackingState.LOST)
+            return TrackedPicture(PictureOutcome.LOST)
         corners, _ = self._corners(picture, np.empty((0, 2)))
         if len(corners) < _LANDMARKS // 2:
-            return TrackedPicture(TrackingState.LOST)
+            return TrackedPicture(PictureOutcome.LOST)
         self.piece = 1 + max(key.piece for key in self._current_map.key_frames)
-        tracked = self._add_key(picture, TrackedPicture(TrackingState.STARTED, self._tracked.camera_from_map))
+        tracked = self._add_key(picture, TrackedPicture(PictureOutcome.STARTED, self._tracked.camera_from_map))
         self._remember(picture, tracked)
         return tracked
 

@@ -35,7 +35,7 @@ from waychair.slam.mapping.place_verification import (
 )
 from waychair.slam.mapping.tracking import twist_of
 from waychair.slam.memory.memory_manager import NodeMemory
-from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds, carried
+from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, MemoryNode, NodeScan, NodeStatus, WordIds, carried
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
 from waychair.slam.memory.rehearsal import RehearsalResult, is_moving
 from waychair.slam.scan.scan_points import ScanPoints, scan_points, sweep_motion
@@ -215,7 +215,7 @@ class AppearanceLoopClosure:
         scan = ScanPoints(transform_points(node_from_base, seen.points), normals)
         return _NewNode(node, key, mapper.keys.pose(key).inverse() @ pose, scan, view)
 
-    def _node(self, mapper: Mapper, frame: SensorFrame, view: _View, words: WordIds, pose: Pose2) -> Node:
+    def _node(self, mapper: Mapper, frame: SensorFrame, view: _View, words: WordIds, pose: Pose2) -> MemoryNode:
         assert frame.scan is not None
         scan, twist = frame.scan, twist_of(frame) or Twist()
         node_from_base = pose.inverse() @ mapper.pose()
@@ -223,7 +223,7 @@ class AppearanceLoopClosure:
         last = node_from_base @ sweep_motion(scan, twist) @ mapper.base_from_laser
         features = view.features
         odometry = (mapper.odometry or mapper.pose()) @ node_from_base.inverse()
-        return Node(
+        return MemoryNode(
             stamp_ns=view.stamp_ns, odom_from_base=odometry, words=words, pixels=features.pixels,
             points=features.points, descriptors=features.descriptors,
             evidence=NodeScan(scan, first, last),

@@ -13,7 +13,7 @@ from waychair.slam.graph.information import match_information, rotated_informati
 from waychair.slam.mapping.loop_closure import CHAIN_REACH
 from waychair.slam.mapping.mapper import LOCAL_REACH, Mapper, MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory
-from waychair.slam.memory.nodes import Node, NodeStatus
+from waychair.slam.memory.nodes import MemoryNode, NodeStatus
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints
@@ -31,7 +31,7 @@ class ScanFit:
     inliers: float
 
 
-def features_of(node: Node) -> ImageFeatures:
+def features_of(node: MemoryNode) -> ImageFeatures:
     """Return a node's features: pixels, descriptors and points; it keeps nothing else."""
     count = len(node.pixels)
     nothing = np.full(count, np.nan, np.float32)

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from waychair.errors import LongTermError
-from waychair.slam.memory.nodes import Link, LinkKind, Node, pack_evidence, pack_features, seal, unpack, unseal
+from waychair.slam.memory.nodes import Link, LinkKind, MemoryNode, pack_evidence, pack_features, seal, unpack, unseal
 from waychair.types import Bytes, FloatArray, IntArray, Pose2
 
 SCHEMA = 1
@@ -65,8 +65,8 @@ class NodeState:
 class Batch:
     """The changes of one transaction, written as a whole or not at all."""
 
-    nodes: tuple[Node, ...] = ()
-    rewritten: tuple[Node, ...] = ()
+    nodes: tuple[MemoryNode, ...] = ()
+    rewritten: tuple[MemoryNode, ...] = ()
     """Nodes in the file whose words have new ids."""
     states: tuple[NodeState, ...] = ()
     links: tuple[Link, ...] = ()
@@ -234,7 +234,7 @@ def read_all(connection: sqlite3.Connection) -> StoredMemory:
     return StoredMemory(nodes=nodes, states=states, links=links, anchors=anchors, damaged=len(damaged), last=last or 0)
 
 
-def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
+def read_node(connection: sqlite3.Connection, node: int) -> MemoryNode | None:
     """Return a node without its scan, or None where there is no such node.
 
     Raises:
@@ -246,7 +246,7 @@ def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
         return None
     stamp, map_id, x, y, theta = _ABOUT.unpack(unseal(node, row[0]))
     words, pixels, points, descriptors, surface = unpack(unseal(node, row[1]))
-    return Node(
+    return MemoryNode(
         stamp_ns=stamp,
         odom_from_base=Pose2(x, y, theta),
         words=words,
@@ -280,7 +280,7 @@ def read_words(connection: sqlite3.Connection, words: Sequence[int]) -> dict[int
     return found
 
 
-def _node_row(node: Node) -> tuple[int, bytes, bytes, bytes]:
+def _node_row(node: MemoryNode) -> tuple[int, bytes, bytes, bytes]:
     odom = node.odom_from_base
     about = _ABOUT.pack(node.stamp_ns, node.map_id, odom.x, odom.y, odom.theta)
     parts = (about, pack_evidence(node.evidence), pack_features(node))

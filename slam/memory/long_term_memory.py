@@ -35,7 +35,7 @@ from waychair.slam.memory.long_term_file import (
     read_words,
     write,
 )
-from waychair.slam.memory.nodes import Node, NodeScan, unpack_evidence, unseal
+from waychair.slam.memory.nodes import MemoryNode, NodeScan, unpack_evidence, unseal
 from waychair.types import Bytes, IntArray
 
 T = TypeVar("T")
@@ -134,7 +134,7 @@ class LongTermStore:
         self._handed = []
         return True
 
-    def node(self, node: int) -> Node:
+    def node(self, node: int) -> MemoryNode:
         """Return a node as it was added.
 
         Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from waychair.slam.memory.nodes import Node
+from waychair.slam.memory.nodes import MemoryNode
 from waychair.slam.memory.rehearsal import RehearsalResult
 
 
@@ -12,9 +12,9 @@ from waychair.slam.memory.rehearsal import RehearsalResult
 class MemoryChange:
     """Nodes that came and went: the vocabulary holds words of nodes in RAM (STM and WM), the Bayes filter the WM."""
 
-    woken: tuple[Node, ...] = ()
+    woken: tuple[MemoryNode, ...] = ()
     """Nodes that have come into RAM; their words must be recalled."""
-    slept: tuple[Node, ...] = ()
+    slept: tuple[MemoryNode, ...] = ()
     """Nodes that have left RAM; their words must be forgotten."""
     entered_wm: tuple[int, ...] = ()
     left_wm: tuple[int, ...] = ()

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from waychair.slam.memory.long_term_file import Batch, NodeState
-from waychair.slam.memory.nodes import Link, Node
+from waychair.slam.memory.nodes import Link, MemoryNode
 from waychair.slam.memory.skeleton import Skeleton
 from waychair.types import Bytes, FloatArray, IntArray
 
@@ -21,7 +21,7 @@ class Journal:
     def __init__(self) -> None:
         self.states: set[int] = set()
         self._links: dict[tuple[int, int], Link | None] = {}
-        self._rewritten: dict[int, Node] = {}
+        self._rewritten: dict[int, MemoryNode] = {}
         self._gone: list[int] = []
         self._moved: set[int] = set()
         self._written: list[int] = []  # anchors in the batch
@@ -39,7 +39,7 @@ class Journal:
         """Record a removed link."""
         self._links[min(i, j), max(i, j)] = None
 
-    def rewritten(self, node: Node) -> None:
+    def rewritten(self, node: MemoryNode) -> None:
         """Record a node whose words have new ids."""
         self._rewritten[node.id] = node
 
@@ -62,7 +62,7 @@ class Journal:
 
     def batch(
         self,
-        added: Iterable[Node],
+        added: Iterable[MemoryNode],
         words: tuple[IntArray, Bytes] | None,
         skeleton: Skeleton,
         awake: Collection[int],

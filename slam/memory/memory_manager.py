@@ -31,7 +31,7 @@ from waychair.slam.memory.long_term_memory import LongTermStore
 from waychair.slam.memory.memory_changes import AddedNode, MemoryChange
 from waychair.slam.memory.memory_journal import Journal
 from waychair.slam.memory.memory_settings import MemoryCounts, MemorySettings
-from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds
+from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, MemoryNode, NodeScan, NodeStatus, WordIds
 from waychair.slam.memory.rehearsal import RehearsalResult, rehearse
 from waychair.slam.memory.retrieval import immunised_nodes, nearby_nodes, nodes_to_wake
 from waychair.slam.memory.skeleton import Skeleton
@@ -81,8 +81,8 @@ class NodeMemory:
         """The newer node of the latest loop closure by appearance; 0 before the first."""
         self._stm: list[int] = []
         self._wm: set[int] = set()
-        self._awake: dict[int, Node] = {}
-        self._cache: OrderedDict[int, Node] = OrderedDict()
+        self._awake: dict[int, MemoryNode] = {}
+        self._cache: OrderedDict[int, MemoryNode] = OrderedDict()
         self._counts: Counter[str] = Counter()
         self._anchors = AnchorPoses()
         self._clock = _SessionClock()
@@ -115,7 +115,7 @@ class NodeMemory:
         return frozenset(self._iteration.immunised)
 
     @property
-    def awake(self) -> tuple[Node, ...]:
+    def awake(self) -> tuple[MemoryNode, ...]:
         """The nodes in RAM; the vocabulary and the Bayes filter begin with those of earlier sessions."""
         return tuple(self._awake.values())
 
@@ -129,7 +129,7 @@ class NodeMemory:
         there = {"stm": len(self._stm), "wm": len(self._wm), "ltm": self._asleep}
         return MemoryCounts(**there, **self._counts, words=words)
 
-    def node(self, node: int) -> Node:
+    def node(self, node: int) -> MemoryNode:
         """Return a node, awake or asleep.
 
         Raises:
@@ -153,7 +153,7 @@ class NodeMemory:
 
     def add(
         self,
-        node: Node,
+        node: MemoryNode,
         information: FloatArray,
         anchor: int | None = None,
         anchor_from_node: Pose2 | None = None,
@@ -326,7 +326,7 @@ class NodeMemory:
         self.flush()
         self.store.close()
 
-    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[RehearsalResult, int]:
+    def _rehearse(self, new: MemoryNode, motion: Pose2 | None, before: int | None) -> tuple[RehearsalResult, int]:
         """Compare the new node with the last picture; return the result and the id of the remaining node."""
         weight = self.skeleton.rows["weight"]
         old = next((node for node in reversed(self._stm[:-1]) if weight[node] >= 0), None)
@@ -348,7 +348,7 @@ class NodeMemory:
         """Move the STM's oldest nodes to the WM while it holds too many pictures."""
         weight = self.skeleton.rows["weight"]
         entered: list[int] = []
-        slept: list[Node] = []
+        slept: list[MemoryNode] = []
         pictures = sum(int(weight[node]) >= 0 for node in self._stm)
         while pictures > STM_SIZE:
             node = self._stm[0]
@@ -360,7 +360,7 @@ class NodeMemory:
             entered.append(node)
         return MemoryChange(slept=tuple(slept), entered_wm=tuple(entered))
 
-    def _reduce(self, node: int, slept: list[Node]) -> bool:
+    def _reduce(self, node: int, slept: list[MemoryNode]) -> bool:
         """Return whether the node has closed a loop; if so, connect its neighbours to the loop's node and remove it."""
         loops = self.skeleton.links(node, LOOPS)
         if not loops:
@@ -397,7 +397,7 @@ class NodeMemory:
         self._wm.add(node)
         self._counts["entered_wm"] += 1
 
-    def _wake(self, nodes: Sequence[int]) -> tuple[Node, ...]:
+    def _wake(self, nodes: Sequence[int]) -> tuple[MemoryNode, ...]:
         """Move nodes from the LTM to the WM; unreadable ones are lost from now on."""
         woken = []
         for node in nodes:
@@ -416,7 +416,7 @@ class NodeMemory:
             woken.append(found)
         return tuple(woken)
 
-    def _put_to_sleep(self, node: int) -> Node:
+    def _put_to_sleep(self, node: int) -> MemoryNode:
         self._wm.remove(node)
         self.skeleton.rows["kept"][node] = NodeStatus.LTM
         self._journal.states.add(node)
@@ -449,7 +449,7 @@ class NodeMemory:
     def _asleep(self) -> int:
         return int((self.skeleton.rows["kept"] == NodeStatus.LTM).sum())
 
-    def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
+    def _write(self, added: MemoryNode | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
         """Write all changes in one transaction."""
         new = () if added is None else (added,)
         journal = self._journal

@@ -106,7 +106,7 @@ def _no_points() -> Float32Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class MemoryNode:
     """One place observed at one time.
 
     Of K keypoints: words (K,) int32 of the vocabulary (0 or less: none), pixels (K, 2) f32 [px], points
@@ -159,7 +159,7 @@ def unpack_evidence(data: bytes) -> NodeScan | None:
     return NodeScan(scan, Pose2(*poses[:3]), Pose2(*poses[3:]))
 
 
-def pack_features(node: Node) -> bytes:
+def pack_features(node: MemoryNode) -> bytes:
     """Return a node's words, pixels, points, descriptors and surface as bytes."""
     return pack([node.words, node.pixels, node.points, node.descriptors, node.surface])
 

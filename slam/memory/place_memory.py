@@ -11,7 +11,7 @@ from waychair.errors import LongTermError
 from waychair.slam.camera.features import ImageFeatures
 from waychair.slam.memory.memory_changes import MemoryChange
 from waychair.slam.memory.memory_manager import NodeMemory
-from waychair.slam.memory.nodes import Link, LinkKind, Node, WordIds
+from waychair.slam.memory.nodes import Link, LinkKind, MemoryNode, WordIds
 from waychair.slam.words.place_recognition import PlaceRecognition, Recognition
 from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.slam.words.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
@@ -98,7 +98,7 @@ class PlaceMemory:
         self.refused.append(RefusedPlace(node, place, reason))
         return False
 
-    def _recall(self, node: Node, since: int | None) -> None:
+    def _recall(self, node: MemoryNode, since: int | None) -> None:
         """Recall the words of a waking node; sleeping words are compared with words made after them.
 
         Args:

@@ -10,7 +10,7 @@ import enum
 
 import numpy as np
 
-from waychair.slam.memory.nodes import Node, WordIds
+from waychair.slam.memory.nodes import MemoryNode, WordIds
 from waychair.types import Pose2
 
 SIMILARITY = 0.6
@@ -45,7 +45,7 @@ def is_moving(motion: Pose2) -> bool:
     return abs(motion.x) > LINEAR_UPDATE or abs(motion.y) > LINEAR_UPDATE or abs(motion.theta) > ANGULAR_UPDATE
 
 
-def rehearse(new: Node, old: Node, motion: Pose2 | None, linked: bool) -> RehearsalResult:
+def rehearse(new: MemoryNode, old: MemoryNode, motion: Pose2 | None, linked: bool) -> RehearsalResult:
     """Compare a new node with `old`, the latest earlier node of the STM that is not intermediate.
 
     Args:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.slam.odometry.aid_evidence import ENOUGH_TURN, GOOD, LEAST_CORRELATION, Evidence
-from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, windows
 from waychair.slam.odometry.force_check import ForceUse, check_force, shows_false_slips
@@ -60,7 +60,7 @@ def check_aids(scans: ScanSeries, wheels: WheelSeries | None, imu: ImuSeries | N
     force = check_force(evidence, imu)
     gyro = () if imu is None else check_gyro(evidence, imu)
     if any(use.axis is None and use.begin_s == -np.inf and use.end_s == np.inf for use in gyro):
-        evidence.findings = [found for found in evidence.findings if found.part is not Part.GRAVITY]
+        evidence.findings = [found for found in evidence.findings if found.part is not AidPart.GRAVITY]
     turned = None if imu is None else gyro_turns(imu, scans.intervals, gyro)
     if wheels is None or told is None:
         return AidCheck(tuple(evidence.findings), gyro=gyro, force=force)
@@ -93,10 +93,12 @@ def _lidar_is_wrong(evidence: Evidence, wheels: WheelSeries | None, told: FloatA
             return False
         factor, _ = robust_slope(evidence.turns[both], wheel_turns[both])
         cause = Cause.MIRRORED if mirrored else Cause.SCALE
-        evidence.add(Part.LIDAR, State.CORRECTED if mirrored else State.LEFT_OUT, cause, None, value=float(factor[0]))
+        evidence.add(
+            AidPart.LIDAR, AidState.CORRECTED if mirrored else AidState.LEFT_OUT, cause, None, value=float(factor[0])
+        )
         return True
     by_twist = correlation(driven, evidence.turns, evidence.known_turn)
     if mirrored and by_twist < 0.5:
-        evidence.add(Part.LIDAR, State.CORRECTED, Cause.MIRRORED_OR_WHEELS, None, value=-1.0)
+        evidence.add(AidPart.LIDAR, AidState.CORRECTED, Cause.MIRRORED_OR_WHEELS, None, value=-1.0)
         return True
     return False

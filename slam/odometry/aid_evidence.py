@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ScanSeries, correlation
-from waychair.slam.odometry.aid_windows import Agreement, Windows, grown, stretches, turn_agreement, way_agreement
+from waychair.slam.odometry.aid_windows import WindowAgreement, Windows, grown, stretches, turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
 
 ENOUGH_TURN = 1.2
@@ -40,7 +40,7 @@ _STUCK = 0.005  # relative spread of a rate that does not change
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class Stretch:
     """A stretch: its intervals (N,), and its begin and end [s], None where no evidence lies before or after it.
 
     An aid that is left out is so with the window before and after, `around`: the fault may begin or end in them.
@@ -66,13 +66,13 @@ class Evidence:
     def turns(self) -> FloatArray:
         return self.scans.motions[:, 2]
 
-    def turn(self, told: FloatArray) -> Agreement:
+    def turn(self, told: FloatArray) -> WindowAgreement:
         return turn_agreement(self.spans, told, self.turns, self.known_turn)
 
-    def way(self, told: FloatArray) -> Agreement:
+    def way(self, told: FloatArray) -> WindowAgreement:
         return way_agreement(self.spans, told, self.scans.motions[:, :2], self.known_way)
 
-    def runs(self, found: Agreement) -> list[Run]:
+    def runs(self, found: WindowAgreement) -> list[Stretch]:
         """Return the stretches in which an aid is not right as it is."""
         last = len(self.spans) - 1
         result = []
@@ -82,14 +82,14 @@ class Evidence:
             since, until = (None if whole[0] == 0 else begin), (None if whole[1] == last else end)
             around = self.spans.span(max(whole[0] - 1, 0), min(whole[1] + 1, last))
             bounds = (-math.inf if since is None else around[0]), (math.inf if until is None else around[1])
-            result.append(Run(self.spans.members(*whole, len(self.turns)), since, until, bounds))
+            result.append(Stretch(self.spans.members(*whole, len(self.turns)), since, until, bounds))
         return result
 
-    def whole(self) -> Run:
+    def whole(self) -> Stretch:
         """Return the stretch of the whole recording."""
-        return Run(np.ones(len(self.turns), np.bool_), None, None)
+        return Stretch(np.ones(len(self.turns), np.bool_), None, None)
 
-    def add(self, part: Part, state: State, cause: Cause, run: Run | None, **values: float) -> None:
+    def add(self, part: AidPart, state: AidState, cause: Cause, run: Stretch | None, **values: float) -> None:
         since, until = (None, None) if run is None else (run.since_s, run.until_s)
         self.findings.append(AidFinding(part, state, cause, since, until, **values))  # type: ignore[arg-type]
 

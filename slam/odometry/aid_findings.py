@@ -9,7 +9,7 @@ from waychair.slam.odometry.broken_steps import Break, BreakKind
 from waychair.types import Json
 
 
-class Part(Enum):
+class AidPart(Enum):
     """The part of an aid that a finding is about."""
 
     WHEELS = "odometry"
@@ -22,7 +22,7 @@ class Part(Enum):
     LIDAR = "lidar"
 
 
-class State(Enum):
+class AidState(Enum):
     """What follows for the aid."""
 
     CORRECTED = "corrected"
@@ -84,8 +84,8 @@ class AidFinding:
     map by, where that is known. `count` messages are concerned. `advice` is an option that confirms the correction.
     """
 
-    part: Part
-    state: State
+    part: AidPart
+    state: AidState
     cause: Cause
     since_s: float | None = None
     until_s: float | None = None
@@ -114,9 +114,9 @@ class AidFinding:
 def finding_from_break(found: Break) -> AidFinding:
     """Return the finding about broken steps of wheel odometry."""
     cause = {BreakKind.MESSAGES: Cause.WILD, BreakKind.RESTART: Cause.RESTART, BreakKind.JUMP: Cause.JUMP}[found.kind]
-    state = State.LEFT_OUT if cause is Cause.WILD else State.CORRECTED
+    state = AidState.LEFT_OUT if cause is Cause.WILD else AidState.CORRECTED
     return AidFinding(
-        Part.WHEELS,
+        AidPart.WHEELS,
         state,
         cause,
         found.begin_s,
@@ -127,11 +127,11 @@ def finding_from_break(found: Break) -> AidFinding:
     )
 
 
-def name_of(part: Part, names: AidNames) -> str:
+def name_of(part: AidPart, names: AidNames) -> str:
     """Return the topic of a part; of the scales, which two parts share, both topics."""
-    if part is Part.SCALES:
+    if part is AidPart.SCALES:
         return f"{names.wheels} and {names.lidar}"
-    return {Part.LIDAR: names.lidar, Part.GYRO: names.imu, Part.GRAVITY: names.imu}.get(part, names.wheels)
+    return {AidPart.LIDAR: names.lidar, AidPart.GYRO: names.imu, AidPart.GRAVITY: names.imu}.get(part, names.wheels)
 
 
 def sentence(finding: AidFinding, names: AidNames) -> str:
@@ -141,9 +141,9 @@ def sentence(finding: AidFinding, names: AidNames) -> str:
 
 def clause(finding: AidFinding) -> str:
     """Return a finding without the topic: what is wrong with it, since when, and what follows."""
-    if finding.part is Part.SCALES:
+    if finding.part is AidPart.SCALES:
         return _scales(finding)
-    if finding.cause is Cause.WILD and finding.part is not Part.WHEELS:
+    if finding.cause is Cause.WILD and finding.part is not AidPart.WHEELS:
         return _wild(finding)
     if finding.cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
         return _broken(finding)
@@ -154,11 +154,11 @@ def remedy(finding: AidFinding) -> str:
     """Return what the user can do about the cause."""
     if finding.advice:
         return finding.advice
-    if finding.part is Part.SCALES:
+    if finding.part is AidPart.SCALES:
         return "measure a wall on the map, and correct the wheel radius or the scale of the lidar's ranges"
-    if finding.part is Part.LIDAR:
+    if finding.part is AidPart.LIDAR:
         return "check the lidar's mount, and its angles"
-    if finding.part in (Part.GYRO, Part.GRAVITY):
+    if finding.part in (AidPart.GYRO, AidPart.GRAVITY):
         if finding.cause in (Cause.LEANING, Cause.ON_EDGE, Cause.UPSIDE_DOWN, Cause.OTHER_WAY):
             return "give the IMU's mount on /tf_static"
         return "check the IMU's driver; --imu none leaves it out from the start"
@@ -188,7 +188,7 @@ def _scales(finding: AidFinding) -> str:
 def _wild(finding: AidFinding) -> str:
     """Return the clause about single readings that no chair can cause."""
     begin, end = max(finding.since_s or 0.0, 0.0), max(finding.until_s or 0.0, 0.0)
-    units = {Part.GYRO: "rad/s", Part.GRAVITY: "m/s^2"}
+    units = {AidPart.GYRO: "rad/s", AidPart.GRAVITY: "m/s^2"}
     size = f"{finding.value:.3g} {units.get(finding.part, 'm/s or rad/s')}"
     if finding.count == 1:
         return f"one message at {begin:.1f} s has wild {finding.part.value} ({size}), and is left out"
@@ -208,11 +208,11 @@ def _distance(metres: float, radians: float) -> str:
 def _wrong(finding: AidFinding) -> str:
     """Return what is wrong with a part, as a clause."""
     value, part = finding.value, finding.part.value
-    if finding.part is Part.GRAVITY and finding.cause is Cause.SCALE:
+    if finding.part is AidPart.GRAVITY and finding.cause is Cause.SCALE:
         return f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2"
-    if finding.part is Part.LIDAR:
+    if finding.part is AidPart.LIDAR:
         return _wrong_lidar(finding)
-    if finding.part is Part.WHEELS and finding.cause is Cause.STUCK:
+    if finding.part is AidPart.WHEELS and finding.cause is Cause.STUCK:
         return "the readings are stuck, and stay the same while the scans move"
     clauses = {
         Cause.DEGREES: f"the {part} are {abs(value):.1f} times too large, as in degrees",
@@ -240,7 +240,7 @@ def _wrong(finding: AidFinding) -> str:
         Cause.LONG: f"the wheels measure {value:.3f} times the way of the scans",
     }
     if finding.cause is Cause.ON_EDGE:
-        return "gravity points sideways, as where the IMU is mounted on edge" if finding.part is Part.GRAVITY else (
+        return "gravity points sideways, as where the IMU is mounted on edge" if finding.part is AidPart.GRAVITY else (
             "the chair's turns are on another axis than z, as where the IMU is mounted on edge"
         )  # fmt: skip
     return clauses[finding.cause]
@@ -265,10 +265,10 @@ def _wrong_lidar(finding: AidFinding) -> str:
 
 
 def _follows(finding: AidFinding) -> str:
-    if finding.state is State.LEFT_OUT:
-        if finding.cause is Cause.MISSING or (finding.part is Part.WHEELS and finding.cause is Cause.STUCK):
+    if finding.state is AidState.LEFT_OUT:
+        if finding.cause is Cause.MISSING or (finding.part is AidPart.WHEELS and finding.cause is Cause.STUCK):
             return "the scans stand in for them"
-        return "the turn rates are used, the tilt is not" if finding.part is Part.GRAVITY else "left out"
+        return "the turn rates are used, the tilt is not" if finding.part is AidPart.GRAVITY else "left out"
     if finding.gain_m is not None:
         return f"corrected, which moves the map by up to {finding.gain_m:.2f} m"
     return "corrected"

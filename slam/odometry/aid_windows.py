@@ -74,7 +74,7 @@ def windows(times: FloatArray, turns: FloatArray, ways: FloatArray) -> Windows:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class WindowAgreement:
     """Which windows (W,) contradict an aid, and the weight (W,) of each as evidence; 0 where a window tells nothing."""
 
     bad: BoolArray
@@ -92,7 +92,7 @@ class Agreement:
         return float(self.weight.sum())
 
 
-def turn_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known: BoolArray) -> Agreement:
+def turn_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known: BoolArray) -> WindowAgreement:
     """Return how turns (N,) [rad] of an aid agree with a reference's where both are known."""
     known = known & np.isfinite(aid)
     off = np.where(known, np.nan_to_num(aid) - reference, 0.0)
@@ -100,10 +100,10 @@ def turn_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known
     count, net, swing = spans.sums(known.astype(float)), np.abs(spans.sums(off)), spans.sums(np.abs(off))
     bad = net > _TURN_OFF + _TURN_SHARE * turned
     bad |= swing > _TURN_OFF + _SWING * turned + _TURN_NOISE * count
-    return Agreement(bad, np.where(bad, np.clip(np.maximum(turned, net), 0.2, 3.0), np.minimum(turned, 3.0)))
+    return WindowAgreement(bad, np.where(bad, np.clip(np.maximum(turned, net), 0.2, 3.0), np.minimum(turned, 3.0)))
 
 
-def way_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known: BoolArray) -> Agreement:
+def way_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known: BoolArray) -> WindowAgreement:
     """Return how ways (N, 2) [m] of an aid, in axes of the base, agree with a reference's where both are known."""
     known = known & np.isfinite(aid).all(axis=1)
     off = np.where(known[:, None], np.nan_to_num(aid) - reference, 0.0)
@@ -112,10 +112,10 @@ def way_agreement(spans: Windows, aid: FloatArray, reference: FloatArray, known:
     swing = spans.sums(np.hypot(*off.T))
     bad = net > _WAY_OFF + _WAY_SHARE * driven
     bad |= swing > _WAY_OFF + _SWING * driven + _WAY_NOISE * count
-    return Agreement(bad, np.where(bad, np.clip(np.maximum(driven, net), 0.3, 5.0), np.minimum(driven, 5.0)))
+    return WindowAgreement(bad, np.where(bad, np.clip(np.maximum(driven, net), 0.3, 5.0), np.minimum(driven, 5.0)))
 
 
-def stretches(found: Agreement, spans: Windows) -> list[tuple[int, int]]:
+def stretches(found: WindowAgreement, spans: Windows) -> list[tuple[int, int]]:
     """Return the stretches (first and last window) over which evidence against an aid outweighs the evidence for it.
 
     They are maximal sums of the signed evidence (Kadane's algorithm), so that a window that agrees by chance does not
@@ -136,7 +136,7 @@ def stretches(found: Agreement, spans: Windows) -> list[tuple[int, int]]:
     return sorted(result)
 
 
-def grown(run: tuple[int, int], found: Agreement) -> tuple[int, int]:
+def grown(run: tuple[int, int], found: WindowAgreement) -> tuple[int, int]:
     """Return the stretch with the windows before and after it that tell nothing for the aid.
 
     One window that agrees beside one that does not may do so by chance.

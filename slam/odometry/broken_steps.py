@@ -57,7 +57,7 @@ class Break:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class OrderedOdometry:
     """Odometry in the order of the recording: times (N,) [s], poses (N, 3) [m, m, rad], speeds (N, 2) [m/s, rad/s].
 
     `between` (N,) marks readings that may have been interpolated from their neighbours.
@@ -73,7 +73,9 @@ Bridge = Callable[[float, float], FloatArray | None]
 """Returns the motion (3,) between two times [s] by scans, or None."""
 
 
-def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tuple[Track, tuple[Break, ...]]:
+def repaired(
+    track: OrderedOdometry, bridge: Bridge = lambda begin_s, end_s: None
+) -> tuple[OrderedOdometry, tuple[Break, ...]]:
     """Return the track without its broken steps, and the breaks; the same track where there are none."""
     if len(track.times) < 3:
         return track, ()
@@ -89,7 +91,9 @@ def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tupl
         measured = bridge(float(steps.times[k]), float(steps.times[k + 1]))
         motions[k] = steps.expected[k] if measured is None else measured
     poses = _rebuilt(track, corners, motions, broken)
-    return Track(track.times, poses, track.speeds, track.between), _breaks(track, corners, steps, broken, poses)
+    return OrderedOdometry(track.times, poses, track.speeds, track.between), _breaks(
+        track, corners, steps, broken, poses
+    )
 
 
 def _is_broken_gap(steps: _Steps, k: int, end: FloatArray, bridge: Bridge) -> bool:
@@ -111,7 +115,7 @@ def _is_origin(pose: FloatArray, unit: float) -> bool:
     return math.hypot(pose[0], pose[1]) < _ORIGIN * unit and abs(pose[2]) < _ORIGIN_TURN
 
 
-def _corners(track: Track) -> IntArray:
+def _corners(track: OrderedOdometry) -> IntArray:
     """Return the indices of the readings that were not interpolated between their neighbours."""
     t, p = track.times, track.poses
     whole = t[2:] - t[:-2]
@@ -138,7 +142,7 @@ class _Steps:
     unit: float
 
     @staticmethod
-    def of(track: Track, corners: IntArray) -> _Steps:
+    def of(track: OrderedOdometry, corners: IntArray) -> _Steps:
         times, poses, speeds = track.times[corners], track.poses[corners], track.speeds[corners]
         seconds = np.maximum(np.diff(times), max(1e-3, 0.5 * float(np.median(np.diff(times)))))
         motions = compose(invert(poses[:-1]), poses[1:])
@@ -184,7 +188,7 @@ def _neighbouring(motions: FloatArray, seconds: FloatArray) -> FloatArray:
     return found
 
 
-def _rebuilt(track: Track, corners: IntArray, motions: FloatArray, broken: BoolArray) -> FloatArray:
+def _rebuilt(track: OrderedOdometry, corners: IntArray, motions: FloatArray, broken: BoolArray) -> FloatArray:
     """Return the poses (N, 3) with these motions between the corners, on from the first broken step."""
     poses = track.poses.copy()
     for k in range(int(np.flatnonzero(broken)[0]), len(motions)):
@@ -203,7 +207,9 @@ def _rebuilt(track: Track, corners: IntArray, motions: FloatArray, broken: BoolA
     return poses
 
 
-def _breaks(track: Track, corners: IntArray, steps: _Steps, broken: BoolArray, poses: FloatArray) -> tuple[Break, ...]:
+def _breaks(
+    track: OrderedOdometry, corners: IntArray, steps: _Steps, broken: BoolArray, poses: FloatArray
+) -> tuple[Break, ...]:
     """Return the broken steps in groups, with what each looks like."""
     told, true = track.poses[corners], poses[corners]
     groups: list[list[int]] = []

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.slam.odometry.aid_evidence import Evidence
-from waychair.slam.odometry.aid_findings import Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ImuSeries, WheelSeries
-from waychair.slam.odometry.aid_windows import Agreement
+from waychair.slam.odometry.aid_windows import WindowAgreement
 from waychair.slam.odometry.odometry_model import OdometrySettings
 from waychair.slam.odometry.slip import SlipDetector
 from waychair.types import BoolArray, FloatArray
@@ -44,10 +44,10 @@ def check_force(evidence: Evidence, imu: ImuSeries | None) -> ForceUse:
         sound = (np.abs(sizes - GRAVITY) <= 2.0 * _FORCE_OFF) & (mean[:, 2] >= _UPRIGHT * sizes)
     bad, known = np.isfinite(sizes) & ~sound, np.isfinite(sizes)
     if known.any() and sound.sum() >= _LEAST_SOUND * known.sum():
-        runs = evidence.runs(Agreement(bad, bounds[:, 1] - bounds[:, 0]))
+        runs = evidence.runs(WindowAgreement(bad, bounds[:, 1] - bounds[:, 0]))
         for run in runs:
             lost = float(np.nanmedian(sizes[bad])) / GRAVITY
-            evidence.add(Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY, run, value=lost)
+            evidence.add(AidPart.GRAVITY, AidState.LEFT_OUT, Cause.NO_GRAVITY, run, value=lost)
         return ForceUse(0.0) if runs else _levelled(evidence, mean[sound])
     return ForceUse(_force_scale(evidence, np.median(imu.accel, axis=0)))
 
@@ -58,7 +58,7 @@ def _force_scale(evidence: Evidence, force: FloatArray) -> float:
     if size > 0.0 and force[2] / size >= _UPRIGHT:
         for factor, cause in ((1.0, Cause.IN_G), (1000.0, Cause.IN_MILLI_G), (100.0 * GRAVITY, Cause.IN_CENTIMETRES)):
             if abs(size / factor - 1.0) < 0.12:
-                evidence.add(Part.GRAVITY, State.CORRECTED, cause, None, value=factor / GRAVITY)
+                evidence.add(AidPart.GRAVITY, AidState.CORRECTED, cause, None, value=factor / GRAVITY)
                 return GRAVITY / factor
     if size < 0.5:
         cause = Cause.NO_GRAVITY
@@ -66,7 +66,7 @@ def _force_scale(evidence: Evidence, force: FloatArray) -> float:
         cause = Cause.UPSIDE_DOWN if force[2] < 0.0 else Cause.SCALE
     else:
         cause = Cause.ON_EDGE
-    evidence.add(Part.GRAVITY, State.LEFT_OUT, cause, None, value=size / GRAVITY)
+    evidence.add(AidPart.GRAVITY, AidState.LEFT_OUT, cause, None, value=size / GRAVITY)
     return 0.0
 
 
@@ -77,7 +77,9 @@ def _levelled(evidence: Evidence, forces: FloatArray) -> ForceUse:
     spread = float(np.median(np.hypot(*(forces - usual)[:, :2].T))) / GRAVITY
     if lean < _LEAST_LEAN or spread > 0.3 * lean:
         return ForceUse()
-    evidence.add(Part.GRAVITY, State.CORRECTED, Cause.LEANING, None, value=math.degrees(math.asin(min(lean, 1.0))))
+    evidence.add(
+        AidPart.GRAVITY, AidState.CORRECTED, Cause.LEANING, None, value=math.degrees(math.asin(min(lean, 1.0)))
+    )
     up = usual / np.linalg.norm(usual)
     cross = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
     return ForceUse(1.0, np.eye(3) + cross + cross @ cross / (1.0 + up[2]))  # Rodrigues' formula
@@ -98,7 +100,7 @@ def shows_false_slips(
     harm, way = float(np.abs(slipped[false]).sum()), float(np.abs(np.nan_to_num(motions[:, 0])).sum())
     if harm < max(_LEAST_HARM, _HARM_SHARE * way) or harm < _SLIPPED * float(np.abs(slipped).sum()):
         return False
-    evidence.add(Part.GRAVITY, State.LEFT_OUT, Cause.FALSE_SLIPS, None, value=harm)
+    evidence.add(AidPart.GRAVITY, AidState.LEFT_OUT, Cause.FALSE_SLIPS, None, value=harm)
     return True
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.slam.odometry.aid_evidence import ENOUGH_TURN, GOOD, LEAST_CORRELATION, Evidence
-from waychair.slam.odometry.aid_findings import Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ImuSeries, WheelSeries, correlation
 from waychair.slam.odometry.aid_windows import turn_agreement
 from waychair.slam.odometry.imu_check import up_axis
@@ -34,7 +34,7 @@ def with_true_headings(
         return wheels
     if not track_turns_against_headings(wheels.poses) or _gyro_agrees(evidence, told[:, 2], imu):
         return wheels
-    evidence.add(Part.WHEEL_TURN, State.CORRECTED, Cause.MIRRORED_HEADINGS, None, value=-1.0)
+    evidence.add(AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.MIRRORED_HEADINGS, None, value=-1.0)
     by_twist = wheels.driven(evidence.scans.intervals)[:, 2]
     speeds = wheels.speeds
     if correlation(by_twist, evidence.turns, evidence.known_turn) < -LEAST_CORRELATION:

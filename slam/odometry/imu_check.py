@@ -16,12 +16,12 @@ from waychair.slam.odometry.aid_evidence import (
     LEAST_DELAY_S,
     NEAR,
     Evidence,
-    Run,
+    Stretch,
     delay_of,
     factors,
     unlike,
 )
-from waychair.slam.odometry.aid_findings import Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ImuSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement
 from waychair.types import BoolArray, FloatArray
@@ -63,12 +63,12 @@ def check_gyro(evidence: Evidence, imu: ImuSeries) -> tuple[GyroUse, ...]:
         return tuple(_fitted_gyro(evidence, imu, run) for run in runs)
     delay = delay_of(evidence, lambda late: imu.turns(scans.intervals, _UP, late))
     if delay:
-        evidence.add(Part.GYRO, State.CORRECTED, Cause.DELAY, None, value=delay)
+        evidence.add(AidPart.GYRO, AidState.CORRECTED, Cause.DELAY, None, value=delay)
         return (GyroUse(-math.inf, math.inf, _UP, delay_s=delay),)
     return ()
 
 
-def _fitted_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse:
+def _fitted_gyro(evidence: Evidence, imu: ImuSeries, run: Stretch) -> GyroUse:
     """Return the use of the gyro in a stretch in which it is not right as it is, and note why."""
     corrected = _corrected_gyro(evidence, imu, run)
     if corrected is not None:
@@ -77,8 +77,8 @@ def _fitted_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse:
     told = imu.turns(evidence.scans.intervals, _UP)[known]
     size, true = float(np.nansum(np.abs(told))), float(np.abs(evidence.turns[known]).sum())
     evidence.add(
-        Part.GYRO,
-        State.LEFT_OUT,
+        AidPart.GYRO,
+        AidState.LEFT_OUT,
         unlike(told / evidence.scans.seconds[known], size, true),
         run,
         value=size / max(true, 1e-9),
@@ -86,11 +86,11 @@ def _fitted_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse:
     return GyroUse(*run.around, None)
 
 
-def _bounds(run: Run) -> tuple[float, float]:
+def _bounds(run: Stretch) -> tuple[float, float]:
     return (-math.inf if run.since_s is None else run.since_s), (math.inf if run.until_s is None else run.until_s)
 
 
-def _corrected_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse | None:
+def _corrected_gyro(evidence: Evidence, imu: ImuSeries, run: Stretch) -> GyroUse | None:
     """Return the correction by which the gyro agrees with the scans in a stretch, and note it; None without one."""
     scans, known = evidence.scans, evidence.known_turn & run.inside
     found = _axis_and_delay(evidence, imu, known)
@@ -109,7 +109,7 @@ def _corrected_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse | N
                 continue
             cause = _gyro_cause(axis, scale, late)
             told = late if cause is Cause.DELAY else offset if cause is Cause.BIAS else scale
-            evidence.add(Part.GYRO, State.CORRECTED, cause, run, value=told, sigma=float(sigma[0]))
+            evidence.add(AidPart.GYRO, AidState.CORRECTED, cause, run, value=told, sigma=float(sigma[0]))
             since, until = _bounds(run)
             rates = imu.gyro[(imu.times > since) & (imu.times < until)] / scale
             sideways = np.median(rates[:, :2], axis=0).tolist() if offset and len(rates) else (0.0, 0.0)

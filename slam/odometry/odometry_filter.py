@@ -29,7 +29,7 @@ from waychair.slam.odometry.odometry_model import (
     POSE,
     SIZE,
     OdometrySettings,
-    Step,
+    OdometryStep,
     V,
     forward,
     initial_covariance,
@@ -322,7 +322,7 @@ class OdometryFilter:
         grip_steps = max(2.0 * _SLIP_CORRELATION_S / seconds, 1.0)
         self._filter.P[[0, 1], [0, 1]] += (_SLIP_SHARE * wrong) ** 2 * grip_steps
 
-    def _move(self, step: Step) -> None:
+    def _move(self, step: OdometryStep) -> None:
         self._filter.F, self._filter.Q = step.jacobian, step.noise
         self._filter.predict()
         self._filter.x = step.state

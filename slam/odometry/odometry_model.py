@@ -96,7 +96,7 @@ class OdometrySettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class OdometryStep:
     """The state (13,) after a step, its Jacobian (13, 13), and the covariance (13, 13) of the step's noise."""
 
     state: FloatArray
@@ -114,7 +114,7 @@ def initial_covariance(settings: OdometrySettings) -> FloatArray:
 
 def predict_step(
     state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, settings: OdometrySettings
-) -> Step:
+) -> OdometryStep:
     """Return the step of `seconds` in which the wheels moved by `wheels` and the gyro's readings add up to `gyro` [rad].
 
     Either may be None, for unknown: without the gyro the wheels give the turn; without both the twist is kept.
@@ -143,7 +143,7 @@ def predict_step(
         jacobian[OMEGA], noises[OMEGA] = by_turn / seconds, noises[THETA] / seconds
     noise = noises @ noises.T
     noise[BIAS, BIAS] += settings.gyro_wander**2 * seconds
-    return Step(after, jacobian, noise)
+    return OdometryStep(after, jacobian, noise)
 
 
 def turn_by_wheels(

@@ -12,12 +12,12 @@ from waychair.slam.odometry.aid_evidence import (
     GOOD,
     LEAST_CORRELATION,
     Evidence,
-    Run,
+    Stretch,
     delay_of,
     factors,
     unlike,
 )
-from waychair.slam.odometry.aid_findings import Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
 from waychair.slam.odometry.aid_series import ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
@@ -47,7 +47,7 @@ def check_wheels(
     delay = delay_of(evidence, lambda late: wheels.motions(scans.intervals, late)[:, 2])
     base = told
     if delay:
-        evidence.add(Part.WHEELS, State.CORRECTED, Cause.DELAY, None, value=delay)
+        evidence.add(AidPart.WHEELS, AidState.CORRECTED, Cause.DELAY, None, value=delay)
         base, driven = wheels.motions(scans.intervals, delay), wheels.driven(scans.intervals, delay)
         lost = ~np.isfinite(base[:, 2])
         base[lost] = told[lost]
@@ -130,8 +130,8 @@ def _stand_in(
     inside = np.zeros(len(motions), np.bool_)
     inside[first:end] = True
     since, until = float(intervals[first, 0]), float(intervals[end - 1, 1])
-    run = Run(inside, since if first else None, until if end < len(motions) else None)
-    evidence.add(Part.WHEELS, State.LEFT_OUT, cause, run)
+    run = Stretch(inside, since if first else None, until if end < len(motions) else None)
+    evidence.add(AidPart.WHEELS, AidState.LEFT_OUT, cause, run)
 
 
 def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray) -> bool:
@@ -145,14 +145,16 @@ def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray
     for found, told, true in ((ways, driven[:, 0], motions[:, 0]), (turns, driven[:, 2], motions[:, 2])):
         if found.share > 0.5 and found.evidence > ENOUGH_TURN:
             factor = float(np.abs(told[finite]).sum() / max(float(np.abs(true[finite]).sum()), 1e-9))
-            evidence.add(Part.TWIST, State.CORRECTED, Cause.NOTHING if silent else Cause.SCALE, None, value=factor)
+            evidence.add(
+                AidPart.TWIST, AidState.CORRECTED, Cause.NOTHING if silent else Cause.SCALE, None, value=factor
+            )
             return True
     return False
 
 
 def _fitted_turns(
     evidence: Evidence, told: FloatArray, driven: FloatArray, gyro: FloatArray | None, filled: FloatArray,
-    run: Run,
+    run: Stretch,
 ) -> tuple[FloatArray, bool]:  # fmt: skip
     """Return the turns to use in a stretch, and whether they follow from the told headings."""
     corrected = _corrected_turns(evidence, told, run)
@@ -162,14 +164,14 @@ def _fitted_turns(
     size, true = float(np.nansum(np.abs(told[known]))), float(np.abs(reference[known]).sum())
     look = unlike(told[known] / evidence.scans.seconds[known], size, true)
     look = Cause.UNLIKE if look is Cause.STUCK else look  # a heading that turns evenly is that of a wrong wheel
-    evidence.add(Part.WHEEL_TURN, State.LEFT_OUT, look, run, value=size / max(true, 1e-9))
+    evidence.add(AidPart.WHEEL_TURN, AidState.LEFT_OUT, look, run, value=size / max(true, 1e-9))
     for other in (driven, gyro):
         if other is not None and turn_agreement(evidence.spans, other, reference, known).share <= GOOD:
             return np.where(np.isfinite(other), other, filled), False
     return filled, False
 
 
-def _corrected_turns(evidence: Evidence, told: FloatArray, run: Run) -> FloatArray | None:
+def _corrected_turns(evidence: Evidence, told: FloatArray, run: Stretch) -> FloatArray | None:
     """Return the turns (N,) corrected by a factor, and note it; None where no factor makes them agree."""
     known, reference = evidence.known_turn & run.inside & np.isfinite(told), evidence.turns
     if abs(correlation(told, reference, known)) <= LEAST_CORRELATION:
@@ -179,7 +181,7 @@ def _corrected_turns(evidence: Evidence, told: FloatArray, run: Run) -> FloatArr
         after = turn_agreement(evidence.spans, told / scale, reference, known)
         if after.share <= GOOD and not evidence.runs(after):
             cause = Cause.OTHER_WAY if scale < 0.0 else Cause.DEGREES if abs(scale - DEGREES) < 1e-6 else Cause.SCALE
-            evidence.add(Part.WHEEL_TURN, State.CORRECTED, cause, run, value=scale, sigma=float(sigma[0]))
+            evidence.add(AidPart.WHEEL_TURN, AidState.CORRECTED, cause, run, value=scale, sigma=float(sigma[0]))
             return told / scale
     return None
 
@@ -192,7 +194,7 @@ def _lengths(told: FloatArray, driven: FloatArray) -> FloatArray:
 
 def _fitted_ways(
     evidence: Evidence, wheels: WheelSeries, told: FloatArray, driven: FloatArray,
-    filled: FloatArray, run: Run,
+    filled: FloatArray, run: Stretch,
 ) -> tuple[FloatArray, bool]:  # fmt: skip
     """Return the ways (N, 2) to use in a stretch, and whether they come from the scans."""
     corrected = _corrected_ways(evidence, wheels, told, run)
@@ -201,7 +203,7 @@ def _fitted_ways(
     known, reference = _known_ways(evidence, told, run), evidence.scans.motions[:, :2]
     size, true = float(np.hypot(*told[known].T).sum()), float(np.hypot(*reference[known].T).sum())
     cause = Cause.NOTHING if size < _STANDS * true else Cause.UNLIKE
-    evidence.add(Part.WHEEL_WAY, State.LEFT_OUT, cause, run, value=size / max(true, 1e-9))
+    evidence.add(AidPart.WHEEL_WAY, AidState.LEFT_OUT, cause, run, value=size / max(true, 1e-9))
     forward = driven[:, :2]
     if (
         way_agreement(evidence.spans, forward, reference, known).share <= GOOD
@@ -211,12 +213,12 @@ def _fitted_ways(
     return filled[:, :2], True
 
 
-def _known_ways(evidence: Evidence, told: FloatArray, run: Run) -> BoolArray:
+def _known_ways(evidence: Evidence, told: FloatArray, run: Stretch) -> BoolArray:
     known: BoolArray = evidence.known_way & run.inside & np.isfinite(told).all(axis=1)
     return known
 
 
-def _corrected_ways(evidence: Evidence, wheels: WheelSeries, told: FloatArray, run: Run) -> FloatArray | None:
+def _corrected_ways(evidence: Evidence, wheels: WheelSeries, told: FloatArray, run: Stretch) -> FloatArray | None:
     """Return the ways (N, 2) corrected by a factor, a rotation or a reflection, and note it; None where none fits."""
     known, reference = _known_ways(evidence, told, run), evidence.scans.motions[:, :2]
     if known.sum() < _LEAST_INTERVALS:
@@ -227,12 +229,12 @@ def _corrected_ways(evidence: Evidence, wheels: WheelSeries, told: FloatArray, r
     ):
         after = way_agreement(evidence.spans, found, reference, known)
         if after.share <= GOOD and not evidence.runs(after):
-            evidence.add(Part.WHEEL_WAY, State.CORRECTED, cause, run, value=value)
+            evidence.add(AidPart.WHEEL_WAY, AidState.CORRECTED, cause, run, value=value)
             return found
     return None
 
 
-def _in_base(told: FloatArray, reference: FloatArray, known: BoolArray, run: Run) -> list[_Corrected]:
+def _in_base(told: FloatArray, reference: FloatArray, known: BoolArray, run: Stretch) -> list[_Corrected]:
     """Return the ways corrected by a factor and a rotation in the base's axes."""
     fitted, angle = _similarity(told[known], reference[known], 1.0)
     if fitted < _LEAST_FACTOR:
@@ -302,9 +304,9 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
     if gain < _LEAST_GAIN or abs(factor - 1.0) < _LEAST_SCALE:
         if abs(factor - 1.0) - _DOUBT * one_sigma < _NOTED_SCALE:
             return None
-        evidence.add(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER, None, value=factor, sigma=one_sigma)
+        evidence.add(AidPart.SCALES, AidState.NOTED, Cause.SCALES_DIFFER, None, value=factor, sigma=one_sigma)
         return None
-    evidence.add(Part.WHEEL_WAY, State.CORRECTED, Cause.LONG, None, value=factor, sigma=one_sigma, gain_m=gain)
+    evidence.add(AidPart.WHEEL_WAY, AidState.CORRECTED, Cause.LONG, None, value=factor, sigma=one_sigma, gain_m=gain)
     return np.column_stack([told[:, :2] / factor, told[:, 2]])
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, AidPart, AidState, Cause
 from waychair.types import BoolArray, FloatArray, ImuSample, Odometry, SensorFrame, Twist
 
 _BLOCK_S = 1.0  # [s]; medians are of so long, and of three such blocks the median one counts
@@ -70,7 +70,7 @@ def _without_wild_samples(
         return frames, []
     findings = [
         _finding(part, at[wild], values[wild])
-        for part, wild, values in ((Part.GYRO, by_gyro, gyro), (Part.GRAVITY, by_accel & ~by_gyro, accel))
+        for part, wild, values in ((AidPart.GYRO, by_gyro, gyro), (AidPart.GRAVITY, by_accel & ~by_gyro, accel))
         if wild.any()
     ]
     gone = iter((by_gyro | by_accel).tolist())
@@ -94,7 +94,7 @@ def _without_wild_speeds(
     if not wild.any():
         return frames, []
     told = wild & ~between if (wild & ~between).any() else wild  # the others are interpolated between them
-    finding = _finding(Part.TWIST, at[told], speeds[told])
+    finding = _finding(AidPart.TWIST, at[told], speeds[told])
     for column in (0, 1):
         speeds[wild, column] = np.interp(at[wild], at[~wild], speeds[~wild, column])
     mended = iter(speeds.tolist())
@@ -119,10 +119,10 @@ def _at(begin_s: float, frame: SensorFrame, reading: ImuSample | Odometry) -> fl
     return begin_s + (reading.stamp_ns - frame.stamp_ns) * 1e-9
 
 
-def _finding(part: Part, at: FloatArray, values: FloatArray) -> AidFinding:
+def _finding(part: AidPart, at: FloatArray, values: FloatArray) -> AidFinding:
     largest = float(np.abs(values).max())
     return AidFinding(
-        part, State.LEFT_OUT, Cause.WILD, float(at[0]), float(at[-1]), value=largest, count=len(at)
+        part, AidState.LEFT_OUT, Cause.WILD, float(at[0]), float(at[-1]), value=largest, count=len(at)
     )  # fmt: skip
 
 

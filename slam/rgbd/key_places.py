@@ -15,7 +15,7 @@ from waychair.geometry import pose_from_array
 from waychair.slam.camera.features import ImageFeatures
 from waychair.slam.camera.visual_map import KeyFrame
 from waychair.slam.memory.memory_manager import NodeMemory
-from waychair.slam.memory.nodes import Link, LinkKind, Node, NodeStatus
+from waychair.slam.memory.nodes import Link, LinkKind, MemoryNode, NodeStatus
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
 from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.types import FloatArray, Pose2, Pose3
@@ -58,7 +58,7 @@ class KeyPlaces:
         before = pose_from_array(poses[-2]) if number else here
         features = key.sized
         added = memory.add(
-            node=Node(
+            node=MemoryNode(
                 stamp_ns=key.stamp_ns,
                 odom_from_base=here,
                 words=words,

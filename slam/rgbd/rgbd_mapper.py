@@ -13,7 +13,7 @@ import numpy as np
 from waychair.config import Settings
 from waychair.slam.camera.depth_icp import refine_by_depth
 from waychair.slam.camera.picture_registration import Registration, angle_between, register
-from waychair.slam.camera.tracked_picture import TrackedPicture, TrackingState
+from waychair.slam.camera.tracked_picture import PictureOutcome, TrackedPicture
 from waychair.slam.camera.visual_map import DEPTH_STEP, VisualMap
 from waychair.slam.camera.visual_odometry import VisualOdometry, VisualOdometrySettings
 from waychair.slam.memory.memory_manager import NodeMemory
@@ -121,7 +121,7 @@ class RgbdMapper:
             self._shared_with.append(self._most_shared(tracked))
             if tracked.key:  # the first is made again once the second picture shows the camera's motion
                 with self._timed("loops"):
-                    self._include(tracked.key, tracked.state is TrackingState.STARTED)
+                    self._include(tracked.key, tracked.state is PictureOutcome.STARTED)
         if tracked.camera_from_map is not None:
             self._attach(frame.stamp_ns, tracked)
         return tracked

@@ -10,7 +10,7 @@ import pytest
 
 from waychair.cli.building.building_tags import tag_command
 from waychair.cli.options.arguments import BadArgument
-from waychair.cli.starting import _start_pose
+from waychair.cli.running.starting import _start_pose
 from waychair.errors import BuildingError, UnknownPlace
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map

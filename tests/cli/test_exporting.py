@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.depth_drive import drive_with_pictures
+from evaluation.scenes.maps.depth_drive import drive_with_pictures
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.cli.main import app

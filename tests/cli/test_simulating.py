@@ -19,7 +19,7 @@ from tests.halls import mapped_hall
 from waychair.recordings.recording import read_recording
 from waychair.simulation.plan.world import shipped_worlds
 from waychair.simulation.sensors.renderer import renderer_problem
-from waychair.trials.demo import run_demo
+from waychair.trials.demo.demo import run_demo
 from waychair.types import Odometry
 
 PLAN = mapped_hall("  window: [6.0, 3.6, 0.0]\n", routes="  short: [[2.5, 3.0]]\n")

@@ -13,8 +13,8 @@ import yaml
 
 from waychair.cli.options.arguments import BadArgument
 from waychair.cli.options.stack_options import StackChairOptions, StackFileOptions, StackPageOptions
-from waychair.cli.stack_commands import goto_command
-from waychair.cli.starting import up_command
+from waychair.cli.running.stack_commands import goto_command
+from waychair.cli.running.starting import up_command
 from waychair.errors import ConfigError, MapNotFound, WorldError, ZoneError
 from waychair.maps.folders.map_files import load_map, save_map
 from waychair.ros.stack import BOARD_LINK, Stack, processes

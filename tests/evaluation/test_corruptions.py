@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from evaluation.corruptions import drawing
 from evaluation.corruptions.drawing import FAULTS, Corrupted, corrupted, fault_of
-from evaluation.corruptions.fault import Fault
-from evaluation.corruptions.messages import SCAN, Event, Messages
+from evaluation.corruptions.fault import RecordingFault
+from evaluation.corruptions.messages import SCAN, BagMessage, Messages
 from evaluation.corruptions.odometry_faults import odometry_jumps
-from evaluation.corruptions.verdict import Verdict, judged, names
-from evaluation.corruptions.warm_runner import Run
+from evaluation.corruptions.verdict import RunVerdict, judged, names
+from evaluation.corruptions.warm_runner import FinishedRun
 
 SHORT = 60
 """About the number of messages of each topic of a shortened drive, but for those of the lidar."""
 
-RUN = Run(0, "", 2.0, 3.0, 300.0)
+RUN = FinishedRun(0, "", 2.0, 3.0, 300.0)
 
 
 def packed(messages: Messages) -> bytes:
@@ -51,7 +51,7 @@ def sound_bytes(clouds: bool) -> bytes:
 @cache
 def _shortened(clouds: bool) -> Messages:
     whole = drawing.sound_messages(2, clouds=clouds)
-    kept: list[Event] = []
+    kept: list[BagMessage] = []
     for topic in dict.fromkeys(event.topic for event in whole.events):
         own = whole.of(topic)
         kept += own if topic in (SCAN, "/cloud") else own[:: max(1, len(own) // SHORT)]
@@ -59,7 +59,7 @@ def _shortened(clouds: bool) -> Messages:
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.messages], ids=lambda fault: fault.name)
-def test_a_fault_of_messages_changes_them_and_a_seed_does_the_same_again(fault: Fault) -> None:
+def test_a_fault_of_messages_changes_them_and_a_seed_does_the_same_again(fault: RecordingFault) -> None:
     assert fault.messages is not None
     clouds = fault.where == "clouds"
     drawn = []
@@ -96,7 +96,7 @@ def content(path: Path) -> dict[str, bytes]:
 )  # fmt: skip
 @pytest.mark.parametrize("storage", ["mcap", "bag"])
 def test_a_fault_of_files_changes_them_and_a_seed_does_the_same_again(
-    tmp_path: Path, bags: dict[str, Path], fault: Fault, storage: str
+    tmp_path: Path, bags: dict[str, Path], fault: RecordingFault, storage: str
 ) -> None:
     assert fault.file is not None
     made = []
@@ -110,7 +110,7 @@ def test_a_fault_of_files_changes_them_and_a_seed_does_the_same_again(
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.where == "log"], ids=lambda fault: fault.name)
-def test_a_fault_of_a_log_changes_it(tmp_path: Path, fault: Fault) -> None:
+def test_a_fault_of_a_log_changes_it(tmp_path: Path, fault: RecordingFault) -> None:
     sound = tmp_path / "sound"
     sound.mkdir()
     whole = drawing.sound("log", sound, None)
@@ -146,23 +146,23 @@ def test_a_wild_value_of_any_topic_is_true_of_a_file_with_wrong_bytes(tmp_path: 
     text = "warning: /imu/data: one message at 15.7 s has wild acceleration (6.2e+294 m/s^2), and is left out\n"
     flipped = replace(MADE, fault=next(fault for fault in FAULTS if fault.name == "file_holds_other_bytes"))
     write_truth(tmp_path)
-    run = Run(0, text, 2.0, 3.0, 300.0)
-    assert judged(flipped, run, tmp_path, RUN, ()).verdict is Verdict.MAPS
-    assert judged(MADE, run, tmp_path, RUN, ()).verdict is Verdict.MISBLAMED
+    run = FinishedRun(0, text, 2.0, 3.0, 300.0)
+    assert judged(flipped, run, tmp_path, RUN, ()).verdict is RunVerdict.MAPS
+    assert judged(MADE, run, tmp_path, RUN, ()).verdict is RunVerdict.MISBLAMED
 
 
 @pytest.mark.parametrize(
     ("text", "verdict"),
     [
-        ("", Verdict.SILENT_WRONG),
-        ("warning: /imu/data turns the other way\n", Verdict.SILENT_WRONG),
-        ("warning: /odom: a jump that no chair drives\n", Verdict.NAMED),
-        ("Traceback (most recent call last):\n", Verdict.TRACEBACK),
+        ("", RunVerdict.SILENT_WRONG),
+        ("warning: /imu/data turns the other way\n", RunVerdict.SILENT_WRONG),
+        ("warning: /odom: a jump that no chair drives\n", RunVerdict.NAMED),
+        ("Traceback (most recent call last):\n", RunVerdict.TRACEBACK),
     ],
 )
-def test_a_map_that_is_wrong_is_judged_by_the_sentences(tmp_path: Path, text: str, verdict: Verdict) -> None:
+def test_a_map_that_is_wrong_is_judged_by_the_sentences(tmp_path: Path, text: str, verdict: RunVerdict) -> None:
     write_truth(tmp_path, scale=2.0)
-    assert judged(MADE, Run(0, text, 2.0, 3.0, 300.0), tmp_path, RUN, ()).verdict is verdict
+    assert judged(MADE, FinishedRun(0, text, 2.0, 3.0, 300.0), tmp_path, RUN, ()).verdict is verdict
 
 
 def write_truth(folder: Path, scale: float = 1.0) -> None:
@@ -188,12 +188,12 @@ def drawing_truth() -> list[tuple[int, list[float]]]:
 @pytest.mark.parametrize(
     ("run", "verdict"),
     [
-        (Run(1, "waychair: /odom jumps\n", 7.0, 9.0, 300.0), Verdict.TOO_SLOW),
-        (Run(1, "waychair: /odom jumps\n", 2.0, 9.0, 1000.0), Verdict.TOO_LARGE),
-        (Run(1, "waychair: the lidar is damaged\n", 2.0, 3.0, 300.0), Verdict.MISBLAMED),
-        (Run(1, "waychair: nothing works\n", 2.0, 3.0, 300.0), Verdict.UNNAMED),
-        (Run(-11, "", 2.0, 3.0, 300.0), Verdict.TRACEBACK),
+        (FinishedRun(1, "waychair: /odom jumps\n", 7.0, 9.0, 300.0), RunVerdict.TOO_SLOW),
+        (FinishedRun(1, "waychair: /odom jumps\n", 2.0, 9.0, 1000.0), RunVerdict.TOO_LARGE),
+        (FinishedRun(1, "waychair: the lidar is damaged\n", 2.0, 3.0, 300.0), RunVerdict.MISBLAMED),
+        (FinishedRun(1, "waychair: nothing works\n", 2.0, 3.0, 300.0), RunVerdict.UNNAMED),
+        (FinishedRun(-11, "", 2.0, 3.0, 300.0), RunVerdict.TRACEBACK),
     ],
 )
-def test_a_run_that_ends_without_a_map_is_judged(tmp_path: Path, run: Run, verdict: Verdict) -> None:
+def test_a_run_that_ends_without_a_map_is_judged(tmp_path: Path, run: FinishedRun, verdict: RunVerdict) -> None:
     assert judged(MADE, run, tmp_path, RUN, ()).verdict is verdict

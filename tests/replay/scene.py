@@ -11,7 +11,7 @@ from tests.runtime.riding import LIDAR, hall
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.runtime.chair import Chair, ChairSettings
-from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonPlan
 from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup
@@ -19,7 +19,7 @@ from waychair.types import Goal, JoystickInput, Pose2
 
 TICKS = 560
 _STEPS_OUT = PersonPlan(
-    Behaviour.SUDDEN, np.array([[8.0, 4.3], [8.0, 2.6]]), speed=1.0, yields=True, radius=0.25, trigger=2.0
+    PersonBehaviour.SUDDEN, np.array([[8.0, 4.3], [8.0, 2.6]]), speed=1.0, yields=True, radius=0.25, trigger=2.0
 )
 _CRATE = Block(Pose2(5.2, 1.9, 0.3), 0.5, 0.6, 0.0, 1.0)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from waychair.config import Settings
 from waychair.errors import GoalOccupied
+from waychair.ros.nodes.navigator_parts.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.nodes.node import ChairNode, run_node
-from waychair.ros.nodes.parts.navigate_action import DriveFeedback, NavigateAction
 from waychair.types import Pose2
 
 STEP_M, RATE_HZ = 0.5, 20.0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from waychair.errors import MessageError
 from waychair.ros.messages import wire
 from waychair.ros.messages.guard import guard_message, read_guard
-from waychair.runtime.guard_view import GuardView
+from waychair.runtime.rider.guard_view import GuardView
 from waychair.types import HelpLevel
 
 CAP, STICK = st.floats(0.0, 1.0), st.floats(-1.0, 1.0)

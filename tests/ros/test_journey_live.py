@@ -18,7 +18,7 @@ from waychair.trials.travel.world_building import building_of_world
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from evaluation.runs.live_stack import LiveStack, Seen
+from evaluation.runs.live_stack import LiveStack, SeenMessages
 
 from tests.ros.test_page import Page, free_port, sets_off
 from waychair.ros import topics
@@ -40,7 +40,7 @@ def test_a_goal_of_the_page_on_another_storey_is_reached_by_lift(ros: Harness, t
     start, port = levels[0].start, free_port()
     options = ("--no-camera", "--no-people", "--page", "--page-port", str(port))
     options += ("--map", str(tmp_path / "clinic" / "maps" / "ground"), "--start", f"{start.x},{start.y},{start.theta}")
-    floors, told = Seen(), Seen()
+    floors, told = SeenMessages(), SeenMessages()
     with (
         LiveStack(tmp_path / "up", ros.domain, *options, world="two_floors") as stack,
         Page(port, "tests") as page,

@@ -7,7 +7,7 @@ import pytest
 from waychair.errors import MessageError
 from waychair.recordings.bags.ros_messages import make
 from waychair.ros.messages.others import others, read_others
-from waychair.runtime.chair_port import OthersView
+from waychair.runtime.pages.chair_port import OthersView
 
 
 def test_the_others_come_as_they_were_sent_and_other_texts_are_refused() -> None:

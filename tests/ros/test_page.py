@@ -29,7 +29,7 @@ from websockets.sync.client import connect
 
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
-from waychair.runtime.sentences import sentence
+from waychair.runtime.rider.sentences import sentence
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness

@@ -9,7 +9,7 @@ import pytest
 
 from tests.maps.building.buildings import two_storeys
 from waychair.errors import BuildingError
-from waychair.maps.building.hgraph import ArcRef, Frame, NodeRef
+from waychair.maps.building.hgraph import ArcRef, NodeRef, SubmapFrame
 from waychair.maps.building.hgraph_edits import closed, with_submap
 from waychair.maps.building.indexed import IndexedGraph, indexed
 from waychair.planning.building.hierarchical import Method, RoutePlanner
@@ -22,7 +22,7 @@ def test_a_route_over_storeys_names_all_nodes_and_its_path_ends_at_the_lift() ->
     start, goal = NodeRef("g/ward", "e"), NodeRef("1/ward", "e")
     way, first = planner.way(start, goal), planner.built.index[start]
 
-    sent = route(5_000_000_000, planner.built, Frame(), first, way.arcs, way.cost)
+    sent = route(5_000_000_000, planner.built, SubmapFrame(), first, way.arcs, way.cost)
     message = deserialised(serialised(sent), "nav2_msgs/msg/Route")
 
     assert [planner.built.refs[node.nodeid] for node in message.nodes][:3] == [
@@ -34,7 +34,7 @@ def test_a_route_over_storeys_names_all_nodes_and_its_path_ends_at_the_lift() ->
     assert len(message.edges) == len(message.nodes) - 1 == len(way.arcs)
     assert (message.edges[0].start.y, message.edges[0].end.y) == (3.25, 0.25)
     assert message.route_cost == pytest.approx(way.cost / 1000.0)
-    poses = route_path(planner.built, Frame(), first, way.arcs).poses
+    poses = route_path(planner.built, SubmapFrame(), first, way.arcs).poses
     assert poses[0] == pytest.approx([10.0, 3.25, -np.pi / 2])
     assert poses[-1] == pytest.approx([3.0, 0.0, np.pi])
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() <= 0.0501
@@ -42,7 +42,7 @@ def test_a_route_over_storeys_names_all_nodes_and_its_path_ends_at_the_lift() ->
 
 def test_a_storey_that_is_turned_in_the_building_is_shown_as_in_its_map() -> None:
     hgraph = two_storeys()
-    turned = with_submap(hgraph, replace(hgraph.submaps["g"], frame=Frame(2.0, 30.0, np.pi / 2)))
+    turned = with_submap(hgraph, replace(hgraph.submaps["g"], frame=SubmapFrame(2.0, 30.0, np.pi / 2)))
     built = indexed(turned)
     nodes = next(each for each in graph_markers(0, turned, built, "g").markers if each.ns == "nodes").points
     assert (10.0, 3.25) in {(round(each.x, 9), round(each.y, 9)) for each in nodes}
@@ -52,8 +52,8 @@ def test_a_storey_that_is_turned_in_the_building_is_shown_as_in_its_map() -> Non
 
 def test_a_route_to_the_node_itself_is_one_pose() -> None:
     built = indexed(two_storeys())
-    assert route_path(built, Frame(), 3, np.empty(0, np.int32)).poses.shape == (1, 3)
-    assert len(route(0, built, Frame(), 3, np.empty(0, np.int32), 0).nodes) == 1
+    assert route_path(built, SubmapFrame(), 3, np.empty(0, np.int32)).poses.shape == (1, 3)
+    assert len(route(0, built, SubmapFrame(), 3, np.empty(0, np.int32), 0).nodes) == 1
 
 
 def test_the_graph_of_one_storey_is_shown_with_its_closed_arcs_and_names() -> None:

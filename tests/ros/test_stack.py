@@ -31,7 +31,16 @@ from waychair.types import Pose2
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from evaluation.runs.live_stack import PATIENCE_S, Death, LiveStack, Seen, jitter_ms, kill, until_released, waychair
+from evaluation.runs.live_stack import (
+    PATIENCE_S,
+    Death,
+    LiveStack,
+    SeenMessages,
+    jitter_ms,
+    kill,
+    until_released,
+    waychair,
+)
 
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros import topics
@@ -71,12 +80,12 @@ def arrives(stack: LiveStack, x: float) -> bool:
 
 
 def test_a_late_subscriber_gets_the_map_and_the_places(stack: LiveStack) -> None:
-    maps = Seen()
+    maps = SeenMessages()
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
     assert maps.last.cells.shape == (200, 300)
     assert maps.last.cells.flags.writeable  # as in all other maps, so that no kernel is compiled for this one
-    costs = Seen()
+    costs = SeenMessages()
     stack.listen(topics.GLOBAL_COSTMAP, read_occupancy_grid, costs)
     stack.until(lambda: costs.last is not None, "the costmap")
     assert set(np.unique(costs.last.cells[maps.last.cells == 0])) >= {0, 98, 99}
@@ -85,7 +94,7 @@ def test_a_late_subscriber_gets_the_map_and_the_places(stack: LiveStack) -> None
 
 
 def test_the_footprint_surrounds_the_chair_in_odom(stack: LiveStack) -> None:
-    outlines = Seen()
+    outlines = SeenMessages()
     stack.listen(topics.FOOTPRINT, lambda message: (message.header.frame_id, message.polygon.points), outlines)
     stack.until(lambda: outlines.last is not None, "the footprint")
     frame, corners = outlines.last
@@ -95,7 +104,7 @@ def test_the_footprint_surrounds_the_chair_in_odom(stack: LiveStack) -> None:
 
 
 def test_obstacles_round_the_chair_are_shown_in_odom_to_subscribers(stack: LiveStack) -> None:
-    maps, costs, topic = Seen(), Seen(), topics.LOCAL_COSTMAP
+    maps, costs, topic = SeenMessages(), SeenMessages(), topics.LOCAL_COSTMAP
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
     node = stack.client.node
@@ -377,7 +386,7 @@ def test_a_delayed_node_ends_the_drive_and_needs_no_reset(stack: LiveStack, name
 
 
 def test_a_dead_simulator_gives_one_clear_diagnostic(stack: LiveStack) -> None:
-    reports = Seen()
+    reports = SeenMessages()
     stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
     stack.begin(far_from(stack))
     dead_ns = time.time_ns()
@@ -427,7 +436,7 @@ def left(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 
 @pytest.mark.nightly
 def test_a_chair_in_a_namespace_is_driven_only_inside_of_it(left: LiveStack) -> None:
-    frames = Seen()
+    frames = SeenMessages()
     left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
     there = ("goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
     # asked again where a stalled computer has ended the drive

@@ -7,7 +7,7 @@ import pytest
 from waychair.maps.building.hgraph import (
     ROOT,
     Arc,
-    Doorway,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -19,8 +19,8 @@ from waychair.maps.building.hgraph import (
     Way,
 )
 from waychair.planning.building.hierarchical import Method, RoutePlanner
-from waychair.runtime.building_goals import goal_views
-from waychair.runtime.chair_port import GoalView
+from waychair.runtime.pages.building_goals import goal_views
+from waychair.runtime.pages.chair_port import GoalView
 
 
 def building() -> HGraph:
@@ -35,7 +35,7 @@ def building() -> HGraph:
             "lobby": Node("lobby", NodeKind.LIFT, 8.0, 0.0),
         },
         arcs=(Arc("bench", "x"), Arc("x", "lobby")),
-        doorways=(Doorway("x", "bed", "d", Way(width=1.2)),),
+        doorways=(GraphDoorway("x", "bed", "d", Way(width=1.2)),),
     )
     bed = SubMap(
         "g/bed",

@@ -19,7 +19,7 @@ from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.chair import Chair, ChairSettings
 from waychair.runtime.drive_base import ChairMessage
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import advance_tick
@@ -124,7 +124,7 @@ def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: 
 @pytest.mark.parametrize("value", [math.inf, 65.533])
 def test_f12_a_chair_with_a_covered_lidar_front_drives_into_nobody(value: float) -> None:
     """Some drivers send 65.533 for a beam without an echo; it is not a measurement."""
-    sits = PersonPlan(Behaviour.SEATED, np.array([[6.0, 2.5]]), radius=0.25)
+    sits = PersonPlan(PersonBehaviour.SEATED, np.array([[6.0, 2.5]]), radius=0.25)
     with Ride(people=(sits,)) as ride:
         ride.drive(55)
         ride.change = told(value, math.radians(80.0))
@@ -205,7 +205,7 @@ def test_f13_an_imu_that_falls_silent_slows_the_drive(ride: Ride) -> None:
 
 def test_f14_the_chair_stops_for_a_person_who_steps_out_and_keeps_a_hands_breadth_away() -> None:
     steps_out = PersonPlan(
-        Behaviour.SUDDEN, np.array([[6.0, 3.1], [6.0, 2.5]]), speed=1.0, yields=True, radius=0.25, trigger=1.6
+        PersonBehaviour.SUDDEN, np.array([[6.0, 3.1], [6.0, 2.5]]), speed=1.0, yields=True, radius=0.25, trigger=1.6
     )
     with Ride(people=(steps_out,), width=2.0) as ride:
         ride.drive(60)

@@ -12,9 +12,9 @@ from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.protocol import Holder
 from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.runtime.chair import ChairSettings
-from waychair.runtime.chair_story import obstacles_of
 from waychair.runtime.drive_base import ChairMessage
-from waychair.runtime.page_watch import GONE_NS, PageWatch
+from waychair.runtime.pages.chair_story import obstacles_of
+from waychair.runtime.pages.page_watch import GONE_NS, PageWatch
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import BEAT_NS
 from waychair.types import DriveMode, JoystickInput, Twist

@@ -13,9 +13,9 @@ from waychair.control.drive.navigator import Stage
 from waychair.control.safety.stops import STOPS, halt, halt_as_told
 from waychair.errors import ZoneError
 from waychair.maps.drawn.zones import Rule, Zone
-from waychair.runtime.chair_port import Obstacle
-from waychair.runtime.chair_story import DriveFacts, check_zone, next_action, obstacle_of, obstacles_of
-from waychair.runtime.sentences import driving_sentence, next_turn, path_ahead, sentence
+from waychair.runtime.pages.chair_port import Hindrance
+from waychair.runtime.pages.chair_story import DriveFacts, check_zone, next_action, obstacle_of, obstacles_of
+from waychair.runtime.rider.sentences import driving_sentence, next_turn, path_ahead, sentence
 from waychair.types import DriveMode, Pose2
 
 STRAIGHT = np.stack([np.arange(0.0, 10.0, 0.1), np.zeros(100)], axis=1)
@@ -106,7 +106,7 @@ def test_every_stop_is_separated_from_its_remedy(stop_id: str) -> None:
 
 
 def test_a_stop_of_another_version_keeps_its_own_text() -> None:
-    assert obstacle_of("new_stop", "the seat is up: lower it") == Obstacle("new_stop", "the seat is up", "lower it")
+    assert obstacle_of("new_stop", "the seat is up: lower it") == Hindrance("new_stop", "the seat is up", "lower it")
     assert "new_stop" in obstacle_of("new_stop", "").sentence
 
 

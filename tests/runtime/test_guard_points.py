@@ -8,7 +8,7 @@ import numpy as np
 
 from waychair.control.safety.guard import Unscanned
 from waychair.ros.messages.json_text import json_text, read_json_text
-from waychair.runtime.guard_points import SENT_WITHIN, STALE_NS, GuardPoints, ToldPoints
+from waychair.runtime.rider.guard_points import SENT_WITHIN, STALE_NS, GuardPoints, ToldPoints
 from waychair.types import Pose2
 
 HERE = Pose2(2.0, 1.0, math.pi / 2)

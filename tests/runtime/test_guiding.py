@@ -12,11 +12,11 @@ import pytest
 from tests.full_disk import content
 from tests.runtime.riding import START, Ride
 from waychair.firmware_bridge.protocol import Holder
-from waychair.maps.building.hgraph import Arc, Doorway, HGraph, Node, NodeKind, Storey, SubMap
+from waychair.maps.building.hgraph import Arc, GraphDoorway, HGraph, Node, NodeKind, Storey, SubMap
 from waychair.planning.building.guided_ways import GuidedWays
-from waychair.runtime.chair_port import GuideView
-from waychair.runtime.guiding import Guide, guided_chair
-from waychair.runtime.habits import DecisionRow, DriveRow, Habits
+from waychair.runtime.pages.chair_port import GuideView
+from waychair.runtime.pages.guiding import Guide, guided_chair
+from waychair.runtime.rider.habits import DecisionRow, DriveRow, Habits
 from waychair.types import DriveMode
 
 BED = "Ground/Bay/Window bed"
@@ -32,7 +32,7 @@ def hall_graph() -> HGraph:
     )
     arcs = (Arc("a", "b"), Arc("b", "c"), Arc("b", "s"))
     ground = SubMap("g", "Ground", storey="g", nodes={each.id: each for each in nodes}, arcs=arcs)
-    ground = SubMap(**{**_fields(ground), "doorways": (Doorway("c", "bay", "d"),)})
+    ground = SubMap(**{**_fields(ground), "doorways": (GraphDoorway("c", "bay", "d"),)})
     bay = (Node("d", NodeKind.BRIDGE, 7.1, 2.5), Node("e", NodeKind.END, 8.5, 2.5, "Window bed"))
     child = SubMap("g/bay", "Bay", nodes={each.id: each for each in bay}, arcs=(Arc("d", "e"),))
     return HGraph("Hall", (Storey("g", "Ground"),), {"": SubMap(""), "g": ground, "g/bay": child})

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from waychair.control.guidance.guidance import Guiding, Trouble
+from waychair.control.guidance.guidance import GuidanceTrouble, Guiding
 from waychair.control.guidance.telling import Cue
 from waychair.planning.movements import Movement, MovementKind
-from waychair.runtime.sentences import guiding_sentence, movement_sentence, spoken_sentence
+from waychair.runtime.rider.sentences import guiding_sentence, movement_sentence, spoken_sentence
 
 
 @pytest.mark.parametrize("kind", list(MovementKind))
@@ -29,7 +29,8 @@ def test_a_turn_in_time_before_is_the_following_movement() -> None:
 
 
 def test_a_lost_pose_and_a_missing_way_are_told_with_their_remedy() -> None:
-    assert "choose its place on the map" in guiding_sentence(Guiding(trouble=Trouble.NO_POSE))
+    assert "choose its place on the map" in guiding_sentence(Guiding(trouble=GuidanceTrouble.NO_POSE))
     assert (
-        guiding_sentence(Guiding(trouble=Trouble.NO_WAY, why="there is no way to Ward")) == "There is no way to Ward."
+        guiding_sentence(Guiding(trouble=GuidanceTrouble.NO_WAY, why="there is no way to Ward"))
+        == "There is no way to Ward."
     )

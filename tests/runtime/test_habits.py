@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from tests.full_disk import content, files_up_to
-from waychair.control.guidance.practice import Decision, DecisionMade, Practice
+from waychair.control.guidance.practice import DecisionMade, Practice, RiderDecision
 from waychair.errors import HabitsError, OutputError
 from waychair.planning.movements import MovementKind
-from waychair.runtime.habits import DecisionRow, DriveRow, Habits
+from waychair.runtime.rider.habits import DecisionRow, DriveRow, Habits
 
 DAY = datetime(2026, 11, 26, 14, 5)
-MADE = DecisionMade("Ground/c2", MovementKind.LEFT, Decision.FOLLOWED, 0.0, 1)
+MADE = DecisionMade("Ground/c2", MovementKind.LEFT, RiderDecision.FOLLOWED, 0.0, 1)
 COUNTS = {"stops": 2, "reversals": 1, "interventions": 0, "prompts": 5, "replans": 1}
 
 

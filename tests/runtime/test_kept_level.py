@@ -13,11 +13,11 @@ from waychair.control.safety.guard import SPOKEN
 from waychair.errors import ConfigError, TransportError
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.runtime.chair import Chair
-from waychair.runtime.chair_port import Answer
 from waychair.runtime.drive_base import DriveBase
-from waychair.runtime.guard_port import GuardPort
-from waychair.runtime.guard_view import GuardView, guard_view
-from waychair.runtime.kept_level import KeptLevel
+from waychair.runtime.pages.chair_port import PortAnswer
+from waychair.runtime.pages.guard_port import GuardPort
+from waychair.runtime.rider.guard_view import GuardView, guard_view
+from waychair.runtime.rider.kept_level import KeptLevel
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Pose2, Telemetry
 
 
@@ -81,7 +81,7 @@ class _Port(GuardPort):
     def __init__(self, chair: Chair, path: Path) -> None:
         self._chair, self._kept_level = chair, KeptLevel(path)
 
-    def _request(self, what: Callable[[], Answer], first: bool = False) -> Answer:
+    def _request(self, what: Callable[[], PortAnswer], first: bool = False) -> PortAnswer:
         return what()
 
     def _guarded(self) -> tuple[Chair, int]:
@@ -103,7 +103,7 @@ def test_a_level_that_the_chair_does_not_take_is_not_kept(tmp_path: Path) -> Non
     assert not answer.done
     assert "calibrate" in answer.sentence
     assert not path.exists()
-    assert port.choose_level(HelpLevel.INFORM) == Answer(True, SPOKEN[HelpLevel.INFORM])
+    assert port.choose_level(HelpLevel.INFORM) == PortAnswer(True, SPOKEN[HelpLevel.INFORM])
     assert not port.override_guard().done
 
 

@@ -14,8 +14,7 @@ from waychair.control.behaviours.presets import shipped
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
 from waychair.control.drive.doorway_tracker import DoorwayTracker
 from waychair.planning.seen.doorways import DoorState, Doorway
-from waychair.runtime.perception import CellInputs, Perception
-from waychair.runtime.perception_view import (
+from waychair.runtime.pages.perception_view import (
     aim_words,
     direction_words,
     drawn_network,
@@ -23,6 +22,7 @@ from waychair.runtime.perception_view import (
     free_words,
     perception_view,
 )
+from waychair.runtime.perception import CellInputs, Perception
 from waychair.types import JoystickInput, OccupancyGrid, Odometry, PanTiltAngles, Pose2, Scan, Twist
 
 

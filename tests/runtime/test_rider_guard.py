@@ -16,7 +16,7 @@ from waychair.firmware_bridge.caps import STALE_CAP
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage, DriveBase
-from waychair.runtime.rider_guard import NOTHING_HELD, OVERRIDES
+from waychair.runtime.rider.rider_guard import NOTHING_HELD, OVERRIDES
 from waychair.simulation.scene.scene import Block, Pit
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem

@@ -6,7 +6,7 @@ import pytest
 
 from waychair.control.drive.steering import SteeringSettings
 from waychair.control.safety.supervisor import Situation, SupervisorSettings, SupervisorVerdict
-from waychair.runtime.rider_input import RiderInput
+from waychair.runtime.rider.rider_input import RiderInput
 from waychair.types import DriveMode, JoystickInput
 
 AT_REST = JoystickInput(0)

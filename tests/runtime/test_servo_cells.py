@@ -19,8 +19,8 @@ from waychair.control.drive.doorway_tracker import DoorwayTracker
 from waychair.geometry import in_space
 from waychair.planning.seen.door_frames import DoorFrame
 from waychair.planning.seen.doorways import DoorState, Doorway
+from waychair.runtime.pages.perception_view import perception_view
 from waychair.runtime.perception import CellInputs, Perceived, Perception
-from waychair.runtime.perception_view import perception_view
 from waychair.runtime.senses.frame_sight import FrameSight
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from tests.maps.building.buildings import two_storeys
-from waychair.maps.building.hgraph import Beacon, Frame, HGraph
+from waychair.maps.building.hgraph import Beacon, HGraph, SubmapFrame
 from waychair.maps.building.hgraph_edits import with_submap
 from waychair.planning.building.beacon_places import pose_of_beacon
 from waychair.runtime.tag_watch import TagWatch, TagWord, words_of_tags
@@ -25,7 +25,7 @@ def tagged() -> HGraph:
     """Tag 7 on the ground floor, 8 on the first in a sub-map with a frame of its own, 9 on both."""
     hgraph = two_storeys()
     ward = next(path for path in hgraph.submaps if path.startswith("1/"))
-    hgraph = with_submap(hgraph, replace(hgraph.submaps[ward], frame=Frame(2.0, 1.0, math.pi / 2)))
+    hgraph = with_submap(hgraph, replace(hgraph.submaps[ward], frame=SubmapFrame(2.0, 1.0, math.pi / 2)))
     for path, beacons in (
         ("g", (Beacon("7", Pose2(6.0, 1.0, math.pi)), Beacon("9", Pose2()))),
         (ward, (Beacon("8", Pose2(1.0, 0.0, 0.0)),)),

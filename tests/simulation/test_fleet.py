@@ -13,7 +13,7 @@ from waychair.errors import ConfigError, WorldError
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World, load_levels, load_world, world_from_grid
-from waychair.simulation.scene.scene import Behaviour, ChairState, PersonPlan
+from waychair.simulation.scene.scene import OtherChair, PersonBehaviour, PersonPlan
 from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.sensors.silhouettes import sides_of
 from waychair.simulation.sensors.sonar import SonarSettings
@@ -55,7 +55,7 @@ def _drive(fleet: FleetSimulator, number: int, seconds: float, forward: float) -
 def test_one_chair_gives_the_bytes_of_the_single_simulator(world: str) -> None:
     level = load_world("small_clinic")
     if world == "crowd":
-        people = [PersonPlan(kind, np.array([[5.0, 1.5 + k], [9.0, 4.0]])) for k, kind in enumerate(Behaviour)]
+        people = [PersonPlan(kind, np.array([[5.0, 1.5 + k], [9.0, 4.0]])) for k, kind in enumerate(PersonBehaviour)]
         level = replace(_hall(), people=tuple(people))
     single = Simulator(level, CHAIR_A, SimulatorSettings(), seed=5)
     fleet = FleetSimulator(level, [ChairPlan(CHAIR_A, SimulatorSettings(), level.start)], seed=5)
@@ -121,7 +121,7 @@ def test_two_chairs_that_meet_head_on_report_one_contact() -> None:
 
 def test_people_stop_for_the_second_chair_as_for_the_first() -> None:
     fleet = FleetSimulator(_hall(), [_plan(2.0, 6.5), _plan(6.0)])
-    fleet.populate([PersonPlan(Behaviour.PATH, np.array([[9.5, 4.0], [4.0, 4.0]]))])
+    fleet.populate([PersonPlan(PersonBehaviour.PATH, np.array([[9.5, 4.0], [4.0, 4.0]]))])
     fleet.advance(4 * SECOND)
     (person,) = fleet.people
     assert 0.0 < person.pose.x - (6.0 + CHAIR_A.front) - person.radius < 0.6
@@ -154,7 +154,7 @@ def test_the_camera_draws_another_chair_where_it_is() -> None:
     from waychair.geometry import in_space
 
     empty = camera.render(in_space(pose) @ view).depth.copy()
-    there = ChairState(Pose2(4.5, 4.0, 0.0), CHAIR_A, 1)
+    there = OtherChair(Pose2(4.5, 4.0, 0.0), CHAIR_A, 1)
     seen = camera.render(in_space(pose) @ view, [there]).depth
     nearer = seen < empty - 0.3
     assert nearer.sum() > 60

@@ -12,7 +12,7 @@ from waychair.errors import WorldError
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plan.world import load_world, world_from_grid
 from waychair.simulation.plant.plant import PlantSettings, randomised
-from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan, PersonState
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.types import OccupancyGrid, Pose2, Scan
 
@@ -89,7 +89,7 @@ def test_a_chair_that_cannot_move_ends_the_route() -> None:
 def test_the_rider_waits_only_for_people_ahead_or_within_reach_of_a_turn() -> None:
     def drives(place: Pose2, goal: tuple[float, float]) -> bool:
         """Return whether a chair at the origin starts for the goal with a person standing at a place."""
-        person = PersonState(place, 0.0, 0.0, 0.25, Behaviour.SEATED)
+        person = PersonState(place, 0.0, 0.0, 0.25, PersonBehaviour.SEATED)
         stick = Follower(np.array([goal]), CHAIR_A.track, NOMINAL).stick(Pose2(), CHAIR_A, (person,))
         return stick != (0.0, 0.0)
 
@@ -109,7 +109,7 @@ def test_a_walker_in_a_corridor_and_the_chair_pass_each_other() -> None:
     hall = world_from_grid(OccupancyGrid(cells, 0.05), Pose2(1.0, 1.1, 0.0))
     walkers = tuple(
         PersonPlan(behaviour, np.array([[12.0, y], [2.0, y]]))
-        for behaviour, y in ((Behaviour.SOCIAL, 1.3), (Behaviour.PATH, 2.4))
+        for behaviour, y in ((PersonBehaviour.SOCIAL, 1.3), (PersonBehaviour.PATH, 2.4))
     )
     simulator = Simulator(replace(hall, people=walkers), CHAIR_A)
     nearest = 1.0

@@ -11,7 +11,7 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.geometry import transform_points, wrap_angle
 from waychair.simulation.people.people import CONTACT_GAP, HEADING_NS, SimulatedPeople
-from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan, PersonState
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -32,7 +32,7 @@ def _room(length: float, width: float) -> OccupancyGrid:
 
 
 def _disc(x: float, y: float, speed: float = 0.15) -> PersonPlan:
-    return PersonPlan(Behaviour.BOUNCE, np.array([[x, y]]), speed, radius=0.15)
+    return PersonPlan(PersonBehaviour.BOUNCE, np.array([[x, y]]), speed, radius=0.15)
 
 
 def _people(grid: OccupancyGrid, *plans: PersonPlan, seed: int = 0, body: ChairBody = CHAIR_A) -> SimulatedPeople:

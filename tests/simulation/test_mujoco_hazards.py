@@ -10,7 +10,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.simulation.plan.world import World
-from waychair.simulation.plant.chair_file import CHAIRS, SimulatedChair
+from waychair.simulation.plant.chair_file import CHAIRS, SimulatedChairData
 from waychair.simulation.plant.mujoco_chair import MujocoChair
 from waychair.simulation.plant.mujoco_model import MujocoSettings
 from waychair.simulation.plant.plant import PlantSettings, volts_from_twist
@@ -36,7 +36,7 @@ def _at(ahead: float, left: float = 0.0) -> Pose2:
     return START @ Pose2(ahead, left)
 
 
-def _chair(world: World, chair: SimulatedChair = CHAIRS["A"], plant: PlantSettings = EVEN) -> MujocoChair:
+def _chair(world: World, chair: SimulatedChairData = CHAIRS["A"], plant: PlantSettings = EVEN) -> MujocoChair:
     return MujocoChair(world, chair.body, plant, chair.mujoco, np.random.default_rng(0), START)
 
 
@@ -141,7 +141,7 @@ def test_a_wet_floor_adds_an_error_of_more_than_a_right_angle_to_a_spin_unseen_b
     unseen = []
     for friction in (0.9, 0.15):
         wet = MujocoSettings(floor_friction=friction, wheel_friction=friction, caster_friction=0.7 * friction)
-        chair = _chair(World("wet", GRID, START), SimulatedChair(mujoco=wet))
+        chair = _chair(World("wet", GRID, START), SimulatedChairData(mujoco=wet))
         turned = 0.0
         for _ in range(1600):
             before = chair.pose.theta

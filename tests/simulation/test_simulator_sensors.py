@@ -17,7 +17,7 @@ from waychair.errors import WorldError
 from waychair.simulation import sensor_suite as module
 from waychair.simulation.plan.world import World, load_world, world_from_grid
 from waychair.simulation.scene.contact import ContactKind
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.sensors.renderer import renderer_problem
@@ -126,7 +126,7 @@ def test_a_turn_is_measured_by_gyro_and_encoders_alike_and_gravity_points_up(pla
 
 
 def test_the_lidar_sees_a_person_in_the_way_and_a_chair_that_does_not_stop_hits_the_person_once() -> None:
-    someone = PersonPlan(Behaviour.SEATED, np.array([[5.0, 3.0]]))
+    someone = PersonPlan(PersonBehaviour.SEATED, np.array([[5.0, 3.0]]))
     simulator = Simulator(hall(someone), CHAIR_A)
     scans = [message for message in simulator.advance(SECOND) if isinstance(message, Scan)]
     assert np.nanmin(scans[-1].ranges[300:420]) == pytest.approx(2.2, abs=0.35)

@@ -20,7 +20,7 @@ from waychair.simulation.plan.plan_file import load_building
 from waychair.simulation.plan.world import WORLDS, World, levels_of, load_world, shipped_worlds, world_from_plan
 from waychair.simulation.plant.plant import PlantSettings, randomised
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
-from waychair.simulation.scene.scene import MATERIALS, Behaviour, Reflection
+from waychair.simulation.scene.scene import MATERIALS, PersonBehaviour, Reflection
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
@@ -215,7 +215,7 @@ def test_start_and_goal_of_the_movers_are_as_far_apart_as_in_the_published_dynam
     assert free.all()
     assert free.shape == (60, 60)
     assert occupied(world.grid)[10, 10:72].all()
-    assert [(p.behaviour, p.speed, p.radius) for p in world.people] == [(Behaviour.BOUNCE, 0.15, 0.15)] * 10
+    assert [(p.behaviour, p.speed, p.radius) for p in world.people] == [(PersonBehaviour.BOUNCE, 0.15, 0.15)] * 10
     points = np.concatenate([person.path for person in world.people])
     apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) + 9.0 * np.eye(10)
     assert apart.min() > 0.3
@@ -284,7 +284,7 @@ def test_the_lift_is_at_the_same_place_on_both_floors() -> None:
 def test_the_second_floor_has_all_kinds_of_people_and_the_basement_is_dim() -> None:
     floor, basement = load_world("second_floor"), load_world("basement")
     kinds = [person.behaviour for person in floor.people]
-    assert {Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SEATED, Behaviour.SUDDEN} == set(kinds)
+    assert {PersonBehaviour.PATH, PersonBehaviour.SOCIAL, PersonBehaviour.SEATED, PersonBehaviour.SUDDEN} == set(kinds)
     assert not floor.without_people().people
     assert floor.without_people().blocks == floor.blocks
     assert max(lamp.power for lamp in basement.lamps) < 0.5 * min(lamp.power for lamp in floor.lamps)

@@ -11,7 +11,7 @@ from waychair.slam.memory import memory_manager as memory_module
 from waychair.slam.memory import retrieval
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
-from waychair.slam.memory.nodes import Link, LinkKind, Node, NodeScan
+from waychair.slam.memory.nodes import Link, LinkKind, MemoryNode, NodeScan
 from waychair.slam.memory.skeleton import Skeleton
 from waychair.types import Pose2, Scan
 
@@ -21,12 +21,12 @@ _MODULES = {"STM_SIZE": memory_module, "CACHED_NODES": memory_module}
 SURE = np.diag([100.0, 100.0, 400.0])
 
 
-def view(k: int, words: list[int] | None = None, x: float | None = None, second: float | None = None) -> Node:
+def view(k: int, words: list[int] | None = None, x: float | None = None, second: float | None = None) -> MemoryNode:
     """A node k metres down the corridor, seen at second k, with five own words, unless given."""
     own = list(range(10 * k + 1, 10 * k + 6)) if words is None else words
     rng = np.random.default_rng(k)
     scan = Scan(k * SECOND, rng.uniform(1.0, 5.0, 40).astype(np.float32), -math.pi, math.tau / 40, 0.0, 0.1, 10.0)
-    return Node(
+    return MemoryNode(
         round((k if second is None else second) * SECOND),
         Pose2(float(k) if x is None else x),
         np.array(own, np.int32),

@@ -18,11 +18,11 @@ import pytest
 
 from tests.halls import mapped_hall
 from waychair.runtime.chair import ChairState
-from waychair.runtime.chair_port import ChairView
+from waychair.runtime.pages.chair_port import ChairView
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
-from waychair.trials.demo import run_demo
-from waychair.trials.demo_page import DemoPage
+from waychair.trials.demo.demo import run_demo
+from waychair.trials.demo.demo_page import DemoPage
 from waychair.types import UNKNOWN, DriveMode, Scan, SensorMessage
 
 PLAN = mapped_hall("  door: [2.0, 3.0, 3.1]\n  window: [6.0, 3.6, 0.0]\n")

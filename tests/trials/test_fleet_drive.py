@@ -25,7 +25,7 @@ from waychair.planning.fleet.order import Request, asked, parked
 from waychair.planning.fleet.ways import ways_of
 from waychair.simulation.plan.world import load_levels
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
-from waychair.simulation.scene.scene import Behaviour
+from waychair.simulation.scene.scene import PersonBehaviour
 from waychair.trials.fleet.bent_floor import MIDDLE, RADIUS
 from waychair.trials.fleet.fleet_demo import (
     FleetDemo,
@@ -143,7 +143,7 @@ def test_every_chair_of_a_scene_fits_at_its_start_and_at_its_goals(name: str) ->
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_people_of_a_scene_walk_on_free_floor_and_their_pace_is_the_seeds(name: str) -> None:
     worlds = [SCENARIOS[name](seed).scene.world for seed in (0, 0, 1)]
-    walkers = [[each for each in world.people if each.behaviour is Behaviour.PATH] for world in worlds]
+    walkers = [[each for each in world.people if each.behaviour is PersonBehaviour.PATH] for world in worlds]
     for person in walkers[0]:
         solid = occupied_points(worlds[0].grid)
         way = evenly_spaced(person.path, 0.05)

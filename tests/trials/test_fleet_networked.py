@@ -8,17 +8,17 @@ from evaluation.fleet.network_runs import MUTANTS, killed_by, warden_killed
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.simulation.network import NetworkFaults
 from waychair.trials.fleet.fleet_invariants import Invariants, troubles
-from waychair.trials.fleet.fleet_networked import NetworkedChairs, Trouble
+from waychair.trials.fleet.fleet_networked import NetworkedChairs, NetworkTrouble
 
 T = corridor_graph(load_corridors("T"), rooms=True)
 
 
 def test_chairs_arrive_through_loss_partition_crash_and_sleep_without_breaking_a_rule() -> None:
     cuts = [
-        Trouble(15_000, 12_000, "part", ((1,), (2, 3))),
-        Trouble(40_000, 3_000, "crash", ((2,),)),
-        Trouble(50_000, 10_000, "sleep", ((3,),)),
-        Trouble(62_000, 5_000, "deaf", ((1, 2),)),
+        NetworkTrouble(15_000, 12_000, "part", ((1,), (2, 3))),
+        NetworkTrouble(40_000, 3_000, "crash", ((2,),)),
+        NetworkTrouble(50_000, 10_000, "sleep", ((3,),)),
+        NetworkTrouble(62_000, 5_000, "deaf", ((1, 2),)),
     ]
     faults = NetworkFaults(loss=0.15, doubled=0.1, delay_ms=30.0, late=0.02, drift_ppm=200.0)
     digests = []

@@ -10,7 +10,7 @@ from evaluation.scenes.hazards import setup_of, to_the_lift
 from numba.core.dispatcher import Dispatcher
 
 from waychair.simulation.simulator import Simulator
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
 from waychair.types import Goal
 

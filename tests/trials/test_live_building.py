@@ -11,7 +11,7 @@ from waychair.errors import BuildingError
 from waychair.maps.building.building import goals
 from waychair.planning.building.hierarchical import Method, RoutePlanner
 from waychair.simulation.plan.world import load_levels
-from waychair.trials.live_building import live_building
+from waychair.trials.live.live_building import live_building
 from waychair.trials.travel.world_building import building_of_world
 
 

@@ -19,10 +19,10 @@ from waychair.firmware_bridge.protocol import Holder
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.drawn.zones import Rule, Zone, load_zones
 from waychair.maps.folders.map_files import save_map
-from waychair.runtime.chair_port import ChairPort, ChairView
+from waychair.runtime.pages.chair_port import ChairPort, ChairView
 from waychair.simulation.plan.world import World, world_from_grid
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import DriveMode, JoystickInput, OccupancyGrid, Place, Pose2
 
 PATIENCE_S = 60.0

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from waychair.runtime.chair_port import ChairView
+from waychair.runtime.pages.chair_port import ChairView
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.trials.live_building import live_building
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_building import live_building
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import DriveMode, JoystickInput
 
 PATIENCE_S = 300.0

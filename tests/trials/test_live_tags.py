@@ -16,7 +16,7 @@ from waychair.planning.building.beacon_places import pose_of_beacon
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.scene import WallTag
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.trials.live_tags import LiveTags
+from waychair.trials.live.live_tags import LiveTags
 from waychair.trials.travel.world_building import _with_tags
 from waychair.types import OccupancyGrid, Pose2, RgbdFrame
 

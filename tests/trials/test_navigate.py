@@ -17,9 +17,9 @@ from waychair.errors import StartOccupied, StartOutsideMap, WaychairError, World
 from waychair.planning.route.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.plan.world import load_world, world_from_grid
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.simulator import Simulator
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.navigate import navigate, with_closed_borders, with_walkers
 from waychair.types import OccupancyGrid, Place, Pose2
@@ -103,7 +103,9 @@ def test_the_harmonic_field_leads_round_a_corner_and_through_a_door_without_a_st
 @pytest.mark.nightly
 def test_a_chair_does_not_turn_into_a_bystander_and_finally_says_that_one_is_in_the_way() -> None:
     corner = CHAIR_A.circumscribed_radius + 0.13
-    standing = PersonPlan(Behaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]]))
+    standing = PersonPlan(
+        PersonBehaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]])
+    )
     grid = hall(160)
     world = replace(world_from_grid(grid, Pose2(2.0, 4.0)), people=(standing,))
     simulator = Simulator(world, CHAIR_A, randomised_settings(1), 1)

@@ -13,7 +13,7 @@ from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator
-from waychair.trials.demo import WORLD, randomised_settings, return_route
+from waychair.trials.demo.demo import WORLD, randomised_settings, return_route
 from waychair.types import FloatArray, Pose2
 
 END = Pose2(6.45, 7.12, 2.78)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waychair.simulation.plan.world import World, world_from_grid
-from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan, Pit, Slope
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonPlan, Pit, Slope
 from waychair.trials.world_plan import OVERHANG, PERSON, PIT, RAMP, hazard_names, world_picture
 from waychair.types import OccupancyGrid, Pose2
 
@@ -37,7 +37,7 @@ def with_block(low: float, high: float, material: str = "wood") -> World:
         (replace(PLAIN, slopes=(Slope(AT, 2.4, 1.0, 0.2, 0.2),)), ()),  # a landing
         (replace(PLAIN, pits=(Pit(AT, 2.0, 1.2, 1.7),)), ("pit",)),
         (
-            replace(PLAIN, people=(PersonPlan(Behaviour.SUDDEN, np.array([[1.0, 3.0], [2.0, 3.0]])),)),
+            replace(PLAIN, people=(PersonPlan(PersonBehaviour.SUDDEN, np.array([[1.0, 3.0], [2.0, 3.0]])),)),
             ("sudden person",),
         ),
     ],
@@ -60,7 +60,7 @@ def pixels(world: World, colour: str) -> int:
         (with_block(0.7, 0.74), OVERHANG),
         (replace(PLAIN, slopes=(Slope(AT, 2.4, 1.0, 0.0, 0.2),)), RAMP),
         (replace(PLAIN, pits=(Pit(AT, 2.0, 1.2, 1.7),)), PIT),
-        (replace(PLAIN, people=(PersonPlan(Behaviour.PATH, np.array([[1.0, 3.0], [2.0, 3.0]])),)), PERSON),
+        (replace(PLAIN, people=(PersonPlan(PersonBehaviour.PATH, np.array([[1.0, 3.0], [2.0, 3.0]])),)), PERSON),
     ],
 )
 def test_every_part_of_a_world_is_drawn_on_its_picture(changed: World, colour: str) -> None:

@@ -11,7 +11,7 @@ import sys
 from multiprocessing.managers import BaseManager
 from typing import Any
 
-from waychair.runtime.chair_port import ChairPort
+from waychair.runtime.pages.chair_port import ChairPort
 from waychair.types import FloatArray
 from waychair.ui.server import page_server
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.ui.noted import Noted
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Self
 
-from waychair.runtime.chair_port import ChairPort, ChairView
+from waychair.runtime.pages.chair_port import ChairPort, ChairView
 from waychair.types import DriveMode, Place, Pose2
 
 if TYPE_CHECKING:

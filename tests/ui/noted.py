@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from waychair.runtime.chair_port import ChairPort
+from waychair.runtime.pages.chair_port import ChairPort
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from playwright.sync_api import sync_playwright
 
 from tests.ui.conftest import WORLD
 from tests.ui.driving import pose_of, ready_page, until
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import Pose2
 from waychair.ui.server import page_server
 

@@ -12,9 +12,9 @@ from tests.ui.conftest import WORLD
 from tests.ui.driving import page_at, ready_page, until
 from tests.ui.noted import Noted
 from waychair.control.safety.stops import halt
-from waychair.runtime.chair_port import ChairView
-from waychair.runtime.sentences import sentence
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import ChairView
+from waychair.runtime.rider.sentences import sentence
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import DriveMode
 from waychair.ui.server import page_server
 

@@ -20,7 +20,7 @@ from tests.ui.conftest import COUNTDOWN_S, WORLD
 from tests.ui.driving import Lateness, drives, put_place, ready_page, rests, set_off, until
 from tests.ui.noted import Noted
 from waychair.control.drive import steering
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import DriveMode
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ import pytest
 from tests.ui.driving import ready_page, until
 from tests.ui.noted import Noted
 from waychair.runtime.chair import ChairSettings
-from waychair.runtime.chair_port import ChairPort
-from waychair.runtime.perception_view import AimView, DoorwayView, PerceptionView
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import ChairPort
+from waychair.runtime.pages.perception_view import AimView, DoorwayView, PerceptionView
+from waychair.trials.live.live_chair import LiveChair
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from tests.ui.driving import page_at, pose_of, ready_page, until
 from tests.ui.noted import Noted
 from tests.ui.test_menu import FRAMED, LABELS, choose, menu, menu_page
 from tests.ui.test_one_switch import scanned, take
-from waychair.runtime.chair_port import ChairView, GuideView
-from waychair.trials.live_building import live_building
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import ChairView, GuideView
+from waychair.trials.live.live_building import live_building
+from waychair.trials.live.live_chair import LiveChair
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from pathlib import Path
 from starlette.testclient import TestClient
 
 from tests.ui.noted import Noted
-from waychair.control.guidance.practice import Decision, DecisionMade
+from waychair.control.guidance.practice import DecisionMade, RiderDecision
 from waychair.planning.movements import MovementKind
-from waychair.runtime.habits import Habits
+from waychair.runtime.rider.habits import Habits
 from waychair.ui.server import app
 
 HERE = "http://127.0.0.1:8000"
@@ -23,7 +23,7 @@ def test_the_record_is_off_until_a_yes_and_one_press_looks_takes_away_or_erases(
         assert page.get("/api/habits").json() == empty
         assert not path.exists()
         assert page.post("/api/habits/yes").json()["done"]
-        habits.note_decision(DecisionMade("Ground/c2", MovementKind.LEFT, Decision.OTHER, 0.0, 1))
+        habits.note_decision(DecisionMade("Ground/c2", MovementKind.LEFT, RiderDecision.OTHER, 0.0, 1))
         shown = page.get("/api/habits").json()
         assert shown["places"] == [{"name": "Ground/c2", "right": 0, "other": 1, "level": 2}]
         assert page.get("/api/habits.csv").text == habits.csv()

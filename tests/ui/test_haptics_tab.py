@@ -13,10 +13,10 @@ from tests.runtime.haptics.guided_rider import room
 from tests.ui.driving import ready_page, until
 from tests.ui.test_menu import LABELS, choose, menu_page
 from waychair.firmware_bridge.glove.bridge import GloveReport
-from waychair.runtime.chair_port import Answer, LayoutView
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.session_log import SessionLog
-from waychair.trials.demo_page import DemoPage
+from waychair.runtime.pages.chair_port import LayoutView, PortAnswer
+from waychair.trials.demo.demo_page import DemoPage
 from waychair.types import Place, Pose2
 from waychair.ui.haptic_messages import NO_HAPTICS, haptics_message
 from waychair.ui.server import page_server
@@ -48,21 +48,21 @@ class Telling(DemoPage):
     def haptics(self) -> HapticState | None:
         return self.state
 
-    def lead(self, goal: str) -> Answer:
+    def lead(self, goal: str) -> PortAnswer:
         self.asked.append(f"lead {goal}")
-        return Answer(True, f"You are led to {goal}.")
+        return PortAnswer(True, f"You are led to {goal}.")
 
-    def say_again(self) -> Answer:
+    def say_again(self) -> PortAnswer:
         self.asked.append("again")
-        return Answer(True, "")
+        return PortAnswer(True, "")
 
-    def say_where(self) -> Answer:
+    def say_where(self) -> PortAnswer:
         self.asked.append("where")
-        return Answer(True, "")
+        return PortAnswer(True, "")
 
-    def end_lead(self) -> Answer:
+    def end_lead(self) -> PortAnswer:
         self.asked.append("end")
-        return Answer(True, "you are no longer led")
+        return PortAnswer(True, "you are no longer led")
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from starlette.testclient import TestClient
 from tests.ui.driving import ready_page, until
 from tests.ui.noted import Noted
 from waychair.control.safety.guard import SPOKEN
-from waychair.runtime.chair_port import Answer, ChairView
-from waychair.runtime.guard_view import GuardView
+from waychair.runtime.pages.chair_port import ChairView, PortAnswer
+from waychair.runtime.rider.guard_view import GuardView
 from waychair.types import HelpLevel
 from waychair.ui.server import app, page_server
 
@@ -35,12 +35,12 @@ class Guarded(Noted):
             return lambda *asked: self._take(name, asked)
         return super().__getattr__(name)
 
-    def _take(self, name: str, asked: tuple[Any, ...]) -> Answer:
+    def _take(self, name: str, asked: tuple[Any, ...]) -> PortAnswer:
         if self.guard is None:
-            return Answer(False, "this chair has no levels of help")
+            return PortAnswer(False, "this chair has no levels of help")
         level = asked[0] if asked else self.guard.level
         self.guard = replace(self.guard, level=level, told=SPOKEN[level], creeps=name == "override_guard")
-        return Answer(True, SPOKEN[level])
+        return PortAnswer(True, SPOKEN[level])
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from tests.ui.driving import ready_page, until
 from tests.ui.noted import Noted
-from waychair.runtime.chair_port import GoalView
+from waychair.runtime.pages.chair_port import GoalView
 from waychair.types import DriveMode
 from waychair.ui.server import page_server
 

@@ -10,8 +10,8 @@ from tests.ui.driving import pose_of
 from tests.ui.noted import Noted
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.drawn.zones import Rule
-from waychair.runtime.chair_port import Answer
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import PortAnswer
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import Place, Pose2
 from waychair.ui.commands import obey
 
@@ -31,7 +31,7 @@ def drawn(port: Noted) -> Iterator[Noted]:
         port.undo()
 
 
-def put(port: Noted, name: str, x: float, replaces: bool = False) -> Answer:
+def put(port: Noted, name: str, x: float, replaces: bool = False) -> PortAnswer:
     asked = {"name": name, "tolerance_m": 0.1, "tolerance_rad": 0.1, "pose": [x, 2.0, 0.0], "replaces": replaces}
     return obey(port, "set_place", asked)
 

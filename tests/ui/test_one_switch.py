@@ -11,7 +11,7 @@ import pytest
 
 from tests.ui.driving import pose_of, ready_page, until
 from tests.ui.noted import Noted
-from waychair.runtime.chair_port import ChairView
+from waychair.runtime.pages.chair_port import ChairView
 from waychair.types import DriveMode, Place, Pose2
 from waychair.ui.server import page_server
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.ui.driving import page_at
 from tests.ui.noted import Noted
-from waychair.runtime.chair_port import ChairView, OthersView
+from waychair.runtime.pages.chair_port import ChairView, OthersView
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from tests.ui.conftest import WORLD
 from tests.ui.driving import page_at, put_place, ready_page, until
 from tests.ui.noted import Noted
 from waychair.simulation.sensors.renderer import renderer_problem
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from starlette.websockets import WebSocketDisconnect
 from tests.ui.noted import Noted
 from waychair.errors import ConfigError, OutputError
 from waychair.maps.drawn.zones import Rule, Zone
-from waychair.runtime.chair_port import Answer
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import PortAnswer
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import OccupancyGrid, Pose2
 from waychair.ui.commands import COMMANDS, STICK, obey
 from waychair.ui.guard import is_host, is_token
@@ -401,6 +401,6 @@ class _Deaf:
 @given(name=st.sampled_from(sorted(COMMANDS)) | st.text(max_size=12), asked=_JSON)
 def test_every_command_is_answered(name: str, asked: object) -> None:
     answer = obey(_Deaf(), name, asked)  # type: ignore[arg-type]
-    assert isinstance(answer, Answer)
+    assert isinstance(answer, PortAnswer)
     assert not answer.done
     assert answer.sentence

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from waychair.runtime.chair_port import ChairView, GoalView, LayoutView
-from waychair.runtime.haptic_port import WithoutHaptics
-from waychair.runtime.page_watch import PageWatch
+from waychair.runtime.pages.chair_port import ChairView, GoalView, LayoutView
+from waychair.runtime.pages.haptic_port import WithoutHaptics
+from waychair.runtime.pages.page_watch import PageWatch
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Twist
 from waychair.ui.broadcaster import VIEW_S, WATCH_S, Broadcaster, OpenPage

@@ -24,7 +24,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.order import Order, Request, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, Wait
-from waychair.planning.fleet.warden import District, Heard, decided
+from waychair.planning.fleet.warden import Heard, WardenState, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
@@ -34,7 +34,7 @@ from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.seeds import chair_seed
 from waychair.simulation.simulated_chair import SimulatedChair
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, simulated_chair
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, SensorMessage
 
@@ -381,7 +381,7 @@ def one_warden(
 
     `changed` may give the requests of an order other priorities before each step; `told` hears order and waits after it.
     """
-    district = District(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
+    district = WardenState(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
     numbers = iter(range(1, 1 << 30))
     sentences: dict[int, str] = {}
 
@@ -397,8 +397,8 @@ def one_warden(
 
 
 def _keep_order(
-    district: District, riders: Sequence[Rider], sentences: Mapping[int, str], numbers: Iterator[int], now_ms: int
-) -> tuple[District, tuple[Wait, ...]]:
+    district: WardenState, riders: Sequence[Rider], sentences: Mapping[int, str], numbers: Iterator[int], now_ms: int
+) -> tuple[WardenState, tuple[Wait, ...]]:
     """Let every chair step along its chain and report, and the warden decide; give the chairs their authorities."""
     reports, requests = [], []
     blocked: dict[str, int] = {}

@@ -40,7 +40,7 @@ WORTH_TURNING_S = 1.0
 _NO_LABELS = np.zeros(0)
 
 
-class RoutePlanner(Protocol):
+class FleetRoutePlanner(Protocol):
     """Plans the routes of the chairs of one run."""
 
     def route(self, chair: int, start: int, goal: int, now_s: float) -> PlannedRoute:
@@ -233,7 +233,7 @@ def fleet_hours(
     return result.ended(crowd)
 
 
-def _search_again(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int], goals: Sequence[int]) -> None:
+def _search_again(crowd: Crowd, planner: FleetRoutePlanner, chairs: Iterable[int], goals: Sequence[int]) -> None:
     """Let chairs under way search again, for the paper asks for the prediction of conflicts while they drive, too."""
     for chair in chairs:
         node = crowd.next_node(chair)
@@ -245,7 +245,7 @@ def _search_again(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int], go
                 crowd.turn_off(chair, [int(each) for each in route.sections])
 
 
-def _tell_progress(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int]) -> None:
+def _tell_progress(crowd: Crowd, planner: FleetRoutePlanner, chairs: Iterable[int]) -> None:
     """Let the nodes hear how late the chairs under way are."""
     for chair in chairs:
         begun, left_s = crowd.progress(chair)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from waychair.planning.fleet.order import Order
-from waychair.trials.fleet.fleet_networked import NetworkedChair, NetworkedChairs, Trouble
+from waychair.trials.fleet.fleet_networked import NetworkedChair, NetworkedChairs, NetworkTrouble
 
 WHOLE_MS = 30_000
 """ms after the last trouble within which every chair has to have a warden again."""
@@ -154,10 +154,10 @@ def order_faults(order: Order) -> list[str]:
     return said
 
 
-def troubles(chairs: int, seed: int, last_ms: int = LAST_MS) -> list[Trouble]:
+def troubles(chairs: int, seed: int, last_ms: int = LAST_MS) -> list[NetworkTrouble]:
     """Return troubles of all kinds that follow each other, so that each has an end before the next of its kind."""
     rng = np.random.default_rng([seed, 0x7E0B])
-    found: list[Trouble] = []
+    found: list[NetworkTrouble] = []
     at_ms = FIRST_MS
     while True:
         at_ms += int(rng.integers(1_000, 40_000))
@@ -168,30 +168,30 @@ def troubles(chairs: int, seed: int, last_ms: int = LAST_MS) -> list[Trouble]:
         if kind == "part":
             cut = int(rng.integers(1, chairs))
             for_ms = int(rng.integers(500, LONGEST_PART_MS))
-            found.append(Trouble(at_ms, for_ms, kind, (tuple(numbers[:cut]), tuple(numbers[cut:]))))
+            found.append(NetworkTrouble(at_ms, for_ms, kind, (tuple(numbers[:cut]), tuple(numbers[cut:]))))
             at_ms += for_ms
         elif kind == "deaf":
             links = [(a, b) for a in numbers for b in numbers if a != b and rng.random() < 0.3]
             for_ms = int(rng.integers(500, 30_000))
-            found.append(Trouble(at_ms, for_ms, kind, tuple(links)))
+            found.append(NetworkTrouble(at_ms, for_ms, kind, tuple(links)))
             at_ms += for_ms
         elif kind == "crash":
             for_ms = int(rng.integers(100, 15_000))
-            found.append(Trouble(at_ms, for_ms, kind, ((numbers[0],),)))
+            found.append(NetworkTrouble(at_ms, for_ms, kind, ((numbers[0],),)))
         else:
-            found.append(Trouble(at_ms, 10_000, kind, ((numbers[0],),)))
+            found.append(NetworkTrouble(at_ms, 10_000, kind, ((numbers[0],),)))
 
 
-def storm(chairs: int, seed: int, last_ms: int) -> list[Trouble]:
+def storm(chairs: int, seed: int, last_ms: int) -> list[NetworkTrouble]:
     """Return troubles in which some links are deaf at any time, others every few seconds: wardens change all the time."""
     rng = np.random.default_rng([seed, 0x5708])
-    found: list[Trouble] = []
+    found: list[NetworkTrouble] = []
     at_ms = FIRST_MS
     while at_ms < last_ms:
         share = float(rng.uniform(0.1, 0.6))
         links = [(a, b) for a in range(1, chairs + 1) for b in range(1, chairs + 1) if a != b and rng.random() < share]
         for_ms = int(rng.integers(500, 8_000))
-        found.append(Trouble(at_ms, for_ms, "deaf", tuple(links)))
+        found.append(NetworkTrouble(at_ms, for_ms, "deaf", tuple(links)))
         at_ms += for_ms + int(rng.integers(100, 1_500))
     return found
 

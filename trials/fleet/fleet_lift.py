@@ -15,11 +15,11 @@ from types import MappingProxyType
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.journey.journey import Leg, Phase
+from waychair.control.journey.journey import JourneyPhase, Leg
 from waychair.maps.traffic.traffic_graph import Refuge, Section, TrafficGraph, TrafficLift, TrafficNode
 from waychair.planning.fleet.order import Order, Request, Turn, parked
 from waychair.planning.fleet.rules import Priority
-from waychair.planning.fleet.warden import District, Heard, Report, decided
+from waychair.planning.fleet.warden import ChairReport, Heard, WardenState, decided
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.chair import Chair
 from waychair.runtime.journeys import StoreyMap, Traveller, TravelState
@@ -28,7 +28,7 @@ from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import load_levels
 from waychair.simulation.scene.seeds import chair_seed
 from waychair.topics import IMU
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import TICK_NS, DriveSetup, simulated_chair
 from waychair.trials.fleet.fleet_drive import (
     AGAIN_AFTER_S,
@@ -114,7 +114,7 @@ class _Rider:
         self.asked_ms = now_ms
         return Request(next(numbers), self.number, WAYS[self.number][1], now_ms, Priority.ROUTINE)
 
-    def step(self, order: Order, now_ms: int) -> Report:
+    def step(self, order: Order, now_ms: int) -> ChairReport:
         """Set off, go on or arrive as the order and the journey allow; return where the chair is."""
         chain, journey = order.chains[self.number], self.traveller.journey
         if journey is None:
@@ -122,16 +122,18 @@ class _Rider:
             if ride:
                 self._visit, self._behind = self._visit + ride, ride
                 self.traveller.go(self._legs, now_ms * 1_000_000)
-        elif journey.phase is Phase.HELD:
+        elif journey.phase is JourneyPhase.HELD:
             self._go_on(now_ms)
-        elif journey.leg == len(self._legs) - 1 and journey.phase is not Phase.LEAVE and self._behind:
+        elif journey.leg == len(self._legs) - 1 and journey.phase is not JourneyPhase.LEAVE and self._behind:
             self._visit, self._behind = chain.visit + 1, 0  # out of the lift, in the other hall
-        elif journey.phase is Phase.ARRIVED and not self.done and self.asked_ms is not None:
+        elif journey.phase is JourneyPhase.ARRIVED and not self.done and self.asked_ms is not None:
             self._visit = chain.last
             self.run.reached = self.run.goals
             self.run.took_s.append((now_ms - self.asked_ms) / 1e3)
-        ready_ms = 0 if journey is None or journey.phase is Phase.ARRIVED else round(1e3 * RIDE_S * (self._behind > 0))
-        return Report(self.number, self._visit, self._behind, ready_ms)
+        ready_ms = (
+            0 if journey is None or journey.phase is JourneyPhase.ARRIVED else round(1e3 * RIDE_S * (self._behind > 0))
+        )
+        return ChairReport(self.number, self._visit, self._behind, ready_ms)
 
     def _go_on(self, now_ms: int) -> None:
         """Let a journey that was held go on after a while, as its rider does."""
@@ -197,7 +199,7 @@ def _rider(
 def _travel(seed: int, simulator: FleetSimulator, riders: Sequence[_Rider], run: FleetRun) -> None:
     """Keep the order ten times a second, and let all chairs travel."""
     starts = {number: start for number, (start, _) in enumerate(WAYS)}
-    district = District(parked(ways_of(hall_graph(), SPEED), starts), CLEARING_MS, seed)
+    district = WardenState(parked(ways_of(hall_graph(), SPEED), starts), CLEARING_MS, seed)
     numbers = iter(range(1, 1 << 30))
     for tick in ticks(simulator, run, SCENE_S, lambda: all(rider.done for rider in riders)):
         now_ms = simulator.now_ns // 1_000_000

@@ -47,7 +47,7 @@ STOP_SHARE, STOP_MEAN_S = 0.10, 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class NetworkTrouble:
     """Something that befalls the network or a peer, from a time on, for a duration [ms].
 
     `kind` is "part" (groups of chairs), "deaf" (links), "crash" (a peer, in the middle of its sending), "sleep" (a computer) or
@@ -95,7 +95,7 @@ class NetworkedChairs:
         chairs: int,
         seed: int,
         faults: NetworkFaults | None = None,
-        troubles: Sequence[Trouble] = (),
+        troubles: Sequence[NetworkTrouble] = (),
         last_wish_ms: int = 400_000,
     ) -> None:
         self.ways: Ways = ways_of(graph, SPEED)
@@ -116,7 +116,7 @@ class NetworkedChairs:
         self.unseen: list[str] = []
         self.shut: set[int] = set()
         self.sent = hashlib.sha256()
-        self._ends: list[tuple[int, Trouble]] = []
+        self._ends: list[tuple[int, NetworkTrouble]] = []
         self._boots = 0
         for chair in self.chairs.values():
             self._boot(chair)

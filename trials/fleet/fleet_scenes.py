@@ -19,7 +19,7 @@ from waychair.runtime.chair import Chair
 from waychair.runtime.fleet.chain_geometry import goes_straight
 from waychair.simulation.fleet import FleetSimulator
 from waychair.simulation.plan.corridor_world import ROOM_SIDE, corridor_world
-from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonPlan
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.trials.fleet.bent_floor import BEND_WALK, bent_scene
 from waychair.trials.fleet.fleet_drive import Events, FleetScene
@@ -148,7 +148,7 @@ def with_people_on(scene: FleetScene, *paths: Path2, pass_chairs: bool = False) 
     `pass_chairs` they step aside and go on, which takes a corridor of 1.8 m.
     """
     dice = np.random.default_rng(seed_from_names("walkers", scene.graph.name, scene.seed))
-    behaviour = Behaviour.SOCIAL if pass_chairs else Behaviour.PATH
+    behaviour = PersonBehaviour.SOCIAL if pass_chairs else PersonBehaviour.PATH
     people = [PersonPlan(behaviour, np.array(path), float(dice.uniform(*PACES)), rest=ERRAND_S) for path in paths]
     return replace(scene, world=replace(scene.world, people=(*scene.world.people, *people)))
 
@@ -244,7 +244,7 @@ def trash_bin(seed: int) -> Scenario:
 def seated_persons(seed: int) -> Scenario:
     """Two persons sit in the shorter way from node 10 to node 00: the other way is taken."""
     scene = _fig8({"10": "00"}, seed)
-    people = [PersonPlan(Behaviour.SEATED, np.array([[x, 7.0], [x + 0.1, 7.0]]), 0.5) for x in (5.6, 6.3)]
+    people = [PersonPlan(PersonBehaviour.SEATED, np.array([[x, 7.0], [x + 0.1, 7.0]]), 0.5) for x in (5.6, 6.3)]
     return Scenario(replace(scene, world=replace(scene.world, people=tuple(people))))
 
 

@@ -17,7 +17,7 @@ from waychair.planning.fleet.peers.peer import Fleet, Own, Peer
 from waychair.planning.fleet.ways import ways_of
 from waychair.simulation.network import NetworkFaults, SeededNetwork
 from waychair.trials.fleet.fleet_invariants import Invariants
-from waychair.trials.fleet.fleet_networked import SPEED, TICK_MS, NetworkedChairs, Trouble
+from waychair.trials.fleet.fleet_networked import SPEED, TICK_MS, NetworkedChairs, NetworkTrouble
 
 _PLANS = ("T", "I", "9cube", "4cross")
 
@@ -214,7 +214,7 @@ def cut_off(seed: int) -> list[str]:
     at_ms = _CHAIRS_BEGIN_MS
     while at_ms < _CHAIRS_MS:
         for_ms = int(rng.integers(*_LONG_MS))
-        world.troubles.append(Trouble(at_ms, for_ms, "part", ((int(rng.integers(1, len(world.chairs) + 1)),),)))
+        world.troubles.append(NetworkTrouble(at_ms, for_ms, "part", ((int(rng.integers(1, len(world.chairs) + 1)),),)))
         at_ms += for_ms + int(rng.integers(*_BETWEEN_MS))
     watch = Invariants()
     world.run(_CHAIRS_MS, watch)
@@ -232,7 +232,7 @@ def cut_off_at_worst(seed: int) -> list[str]:
             return
         number = _about_to_be_passed(world)
         if number is not None:
-            world.troubles.insert(0, Trouble(world.now_ms, int(rng.integers(*_SHORT_MS)), "part", ((number,),)))
+            world.troubles.insert(0, NetworkTrouble(world.now_ms, int(rng.integers(*_SHORT_MS)), "part", ((number,),)))
 
     _chairs(seed).run(_CHAIRS_MS, surprise)
     return watch.faults
@@ -249,10 +249,10 @@ def sections_shut(seed: int) -> list[str]:
     )
     for at_ms in range(_CHAIRS_BEGIN_MS, _LAST_WISH_MS, 20_000):
         world.troubles.append(
-            Trouble(at_ms, 30_000, "shut", (tuple(rng.permutation(resources)[: len(resources) // 6].tolist()),))
+            NetworkTrouble(at_ms, 30_000, "shut", (tuple(rng.permutation(resources)[: len(resources) // 6].tolist()),))
         )
         crashed = int(rng.integers(1, len(world.chairs) + 1))
-        world.troubles.append(Trouble(at_ms + 9_000, 2_000, "crash", ((crashed,),)))
+        world.troubles.append(NetworkTrouble(at_ms + 9_000, 2_000, "crash", ((crashed,),)))
     watch = Invariants()
     world.run(_LAST_WISH_MS, watch)
     while world.now_ms < _ARRIVED_MS and any(chair.wish is not None for chair in world.chairs.values()):

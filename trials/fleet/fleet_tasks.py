@@ -17,7 +17,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.paper.admission import Asking, Tie, first_to_go
 from waychair.planning.fleet.paper.baselines import PaperPreset, preset_route, reading_of
 from waychair.planning.fleet.paper.goal_filters import distances_from
-from waychair.planning.fleet.paper.network import Network
+from waychair.planning.fleet.paper.network import NodeNetwork
 from waychair.planning.fleet.section_plans import SectionPlanner, Trip
 from waychair.simulation.graph_traffic.section_events import SectionEvents
 from waychair.simulation.scene.seeds import seed_from_names
@@ -67,7 +67,7 @@ def do_tasks(
 ) -> TasksDone:
     """Return what the chairs do that plan in the order of their numbers and start together."""
     dice = random.Random(seed_from_names("dice", graph.name, seed))
-    network = Network(graph, reading_of(preset))
+    network = NodeNetwork(graph, reading_of(preset))
     section = {each.name: i for i, each in enumerate(graph.sections)}
     routes: list[list[int]] = []
     plan_s: list[float] = []

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from waychair.control.haptics.patterns import Vocabulary
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import GloveError
 from waychair.firmware_bridge.glove.bridge import GloveBridge
@@ -98,7 +98,7 @@ class LivePlayer:
 
 @contextmanager
 def simulated_player(
-    profile: HapticsProfile, words: Vocabulary, model: DriverModel, seed: int
+    profile: HapticsProfile, words: TouchVocabulary, model: DriverModel, seed: int
 ) -> Iterator[SimulatedPlayer]:
     """Yield a simulated player whose glove is ready.
 

@@ -31,7 +31,7 @@ from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import Felt
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of

@@ -24,7 +24,7 @@ from waychair.firmware_bridge.glove.program import GloveConfig, HostGlove, glove
 from waychair.firmware_bridge.transports import Reconnecting, check_port, transport_from_text
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_guide import HapticGuide
-from waychair.runtime.haptics.haptic_state import Surroundings
+from waychair.runtime.haptics.haptic_state import RiderSurroundings
 from waychair.runtime.haptics.learnt_file import load_learner, save_learner
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
@@ -67,7 +67,7 @@ class HapticParts:
         self.driver: BlindDriver | None = None
         self._make_driver = driver
 
-    def tell_of(self, around: Callable[[], Surroundings], touches: Callable[[], int]) -> None:
+    def tell_of(self, around: Callable[[], RiderSurroundings], touches: Callable[[], int]) -> None:
         """Ask this for the surroundings when the rider asks where the chair is, and for the contacts so far."""
         if self.guide is not None:
             self.guide.around = around

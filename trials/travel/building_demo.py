@@ -52,7 +52,14 @@ from waychair.simulation.plan.world import World, load_levels
 from waychair.simulation.simulator import SimulationSettings, Simulator
 from waychair.slam.trajectory_errors import TruthErrors
 from waychair.topics import IMU
-from waychair.trials.demo import DemoWatcher, StageProgress, Stages, map_by_joystick, place_in_map, randomised_settings
+from waychair.trials.demo.demo import (
+    DemoWatcher,
+    StageProgress,
+    Stages,
+    map_by_joystick,
+    place_in_map,
+    randomised_settings,
+)
 from waychair.trials.ride import RecordingSimulator
 from waychair.trials.travel.building_drive import storey_maps
 from waychair.trials.travel.journey_runs import random_ends

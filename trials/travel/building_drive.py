@@ -20,10 +20,10 @@ from waychair.planning.building.hierarchical import RoutePlanner
 from waychair.runtime.journeys import StoreyMap, TravelState
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import ClosableDoor, World, world_from_grid
-from waychair.simulation.scene.scene import Lift
+from waychair.simulation.scene.scene import LiftCabin
 from waychair.simulation.simulator import Simulator
 from waychair.topics import IMU
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.navigate import with_closed_borders
 from waychair.trials.travel.journeys import JourneyRecord, travel
 from waychair.types import Goal, Place, Pose2
@@ -109,7 +109,7 @@ def _raised(storey: StoreyMap, sites: Sequence[LiftSite], start: Pose2 | None) -
     if start is None and not anywhere:
         raise BuildingError(f"storey '{storey.storey}' has neither a place nor a lift's cabin: add one")
     world = world_from_grid(with_closed_borders(storey.grid), start or anywhere[0], name=storey.storey)
-    lifts = tuple(Lift(site.lift, site.cabin, site.length, site.width, ()) for site in here)
+    lifts = tuple(LiftCabin(site.lift, site.cabin, site.length, site.width, ()) for site in here)
     doors = tuple(
         ClosableDoor(f"lift {site.lift}", site.door @ Pose2(0.0, 0.0, pi / 2), site.door_width, 0.1) for site in here
     )

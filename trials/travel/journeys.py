@@ -17,7 +17,7 @@ import numpy as np
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.journey.building_legs import leg_to_lift
-from waychair.control.journey.journey import Leg, Phase
+from waychair.control.journey.journey import JourneyPhase, Leg
 from waychair.control.journey.lift_site import LOBBY_AHEAD, LOBBY_ASIDE, LiftSite
 from waychair.errors import UnknownPlace
 from waychair.geometry import transform_points
@@ -30,7 +30,7 @@ from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.topics import IMU
-from waychair.trials.demo import DemoWatcher, randomised_settings
+from waychair.trials.demo.demo import DemoWatcher, randomised_settings
 from waychair.trials.drive import READY_S, TICK_NS, DriveSetup, advance_tick, black_box, simulated_chair
 from waychair.types import FloatArray, Goal, Place, Pose2
 
@@ -240,7 +240,7 @@ def travel(
                 watcher.drive_began(setups[state.storey], chair)
                 watcher.goal_chosen(end.name)
             watcher.tick_ended(messages, state.chair)
-            if state.journey is None or state.journey.ended or state.journey.phase is Phase.HELD:
+            if state.journey is None or state.journey.ended or state.journey.phase is JourneyPhase.HELD:
                 break
     truth, phase = (
         setups[goal].map_from_world @ simulator.truth(),
@@ -251,9 +251,9 @@ def travel(
     return JourneyRecord(
         start="/".join(names[0]),
         goal="/".join(names[1]),
-        arrived=phase is Phase.ARRIVED and there and not watch.asked,
+        arrived=phase is JourneyPhase.ARRIVED and there and not watch.asked,
         why=state.order.sentence
-        if phase is None or phase in (Phase.ARRIVED, Phase.HELD, Phase.FAILED)
+        if phase is None or phase in (JourneyPhase.ARRIVED, JourneyPhase.HELD, JourneyPhase.FAILED)
         else f"{phase}: {state.order.sentence} ({state.chair.navigation.reason or state.chair.verdict.reason})",
         seconds=(simulator.now_ns - began_ns) * 1e-9,
         contacts=simulator.contacts,
@@ -314,11 +314,11 @@ class _Watch:
         asks = bool(state.order.ask)
         self.asked += asks and not self._asks
         self._asks = asks
-        if journey.phase is Phase.RIDE:
+        if journey.phase is JourneyPhase.RIDE:
             self._opened_ns = None
-        elif journey.phase is Phase.WHICH and self._opened_ns is None:
+        elif journey.phase is JourneyPhase.WHICH and self._opened_ns is None:
             self._opened_ns = state.door.open_since_ns
-        elif journey.phase is Phase.LEAVE and self._opened_ns is not None:
+        elif journey.phase is JourneyPhase.LEAVE and self._opened_ns is not None:
             self.ok_s.append((now_ns - self._opened_ns) * 1e-9)
             self._opened_ns = None
         self._cross(level, now_ns, driving)

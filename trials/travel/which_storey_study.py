@@ -11,7 +11,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.journey.door_view import beams_through
 from waychair.control.journey.lift_site import stand_in
 from waychair.control.journey.ride_motion import RideMotion
-from waychair.control.journey.which_storey import Evidence, decided, probabilities, seen_through_door
+from waychair.control.journey.which_storey import StopEvidence, decided, probabilities, seen_through_door
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.lifts.ride_profile import ride_profile
 from waychair.simulation.plan.world import World
@@ -35,7 +35,7 @@ PEOPLE = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class RideDecision:
     """A ride: where it began, the stop asked for, the true one, and the one decided on; None: the rider is asked."""
 
     lift: str
@@ -45,7 +45,9 @@ class Found:
     decided: str | None
 
 
-def rides(levels: Sequence[World], count: int, seed: int = 0, *, imu: bool = True, see: bool = True) -> list[Found]:
+def rides(
+    levels: Sequence[World], count: int, seed: int = 0, *, imu: bool = True, see: bool = True
+) -> list[RideDecision]:
     """Return rides between random stops; `imu`, `see`: the chair has an IMU, and its lidar sees through the open door."""
     lifts = Lifts(levels)
     sites = {(site.lift, site.storey): site for site in sites_of(lifts, CHAIR_A)}
@@ -75,8 +77,8 @@ def rides(levels: Sequence[World], count: int, seed: int = 0, *, imu: bool = Tru
                 for stop in stops
             }
         heights = {stop: lifts.heights[stop] for stop in stops}
-        chances = probabilities(Evidence(heights, began, asked, climb=climb, match=match))
-        found.append(Found(lift, began, asked, true, decided(chances)))
+        chances = probabilities(StopEvidence(heights, began, asked, climb=climb, match=match))
+        found.append(RideDecision(lift, began, asked, true, decided(chances)))
     return found
 
 
@@ -111,7 +113,7 @@ def _spot(door: Pose2, ahead: float, aside: float) -> tuple[float, float]:
     return spot.x, spot.y
 
 
-def counts(found: Sequence[Found]) -> dict[str, int]:
+def counts(found: Sequence[RideDecision]) -> dict[str, int]:
     """Return how many rides were right by itself, asked about, and wrong."""
     return {
         "rides": len(found),
@@ -121,6 +123,6 @@ def counts(found: Sequence[Found]) -> dict[str, int]:
     }
 
 
-def alike_counts(found: Sequence[Found], alike: Sequence[str]) -> dict[str, int]:
+def alike_counts(found: Sequence[RideDecision], alike: Sequence[str]) -> dict[str, int]:
     """Return the counts of the rides that truly ended on one of the storeys that look alike."""
     return counts([each for each in found if each.true in alike])

@@ -20,7 +20,7 @@ from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.errors import BuildingError, WaychairError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, load_building, new_building
-from waychair.maps.building.hgraph_checks import Finding, Severity
+from waychair.maps.building.hgraph_checks import FindingSeverity, GraphFinding
 from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.building.indexed import indexed
 from waychair.maps.editing.arc_edits import Operation
@@ -62,7 +62,7 @@ class Session:
         self.notes: list[str] = []
         self.revision = 1
         self.foreign: Sequence[str] = ()
-        self.findings: Sequence[Finding] = ()
+        self.findings: Sequence[GraphFinding] = ()
         self.around: LiveSurroundings
         self._base: str
         self._saved: Draft
@@ -191,9 +191,9 @@ class Session:
             self.revision += 1
             return "The tables were made."
 
-    def forbids(self, finding: Finding) -> bool:
+    def forbids(self, finding: GraphFinding) -> bool:
         """Return whether a finding keeps the draft from being saved as the building."""
-        return finding.severity is Severity.ERROR and finding.code not in NOT_IN_DRAFT
+        return finding.severity is FindingSeverity.ERROR and finding.code not in NOT_IN_DRAFT
 
     def take_files(self, revision: int) -> list[str]:
         """Take the saved files as they are now, and do the draft's edits again on them.

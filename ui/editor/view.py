@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 
-from waychair.maps.building.hgraph import Doorway, HGraph, Lift, SubMap, Way
+from waychair.maps.building.hgraph import GraphDoorway, HGraph, Lift, SubMap, Way
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.records import time_text
 from waychair.maps.drawn.zones import Zone
@@ -95,7 +95,7 @@ def _submap(hgraph: HGraph, submap: SubMap) -> Json:
     }
 
 
-def _door(submap: SubMap, door: Doorway) -> Json:
+def _door(submap: SubMap, door: GraphDoorway) -> Json:
     ends = [door.start, f"{door.child}:{door.node}"]
     return {"ref": str(arc_ref(submap, door)), "ends": ends, "outwards": door.outwards, **_way(door.way)}
 

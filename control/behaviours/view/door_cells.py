@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.commands import between
-from waychair.control.behaviours.doorway import DoorCheck, DoorState, Doorway, FrameCandidate
+from waychair.control.behaviours.doorway import CandidateVerdict, DoorCheck, DoorwayJambs, FrameCandidate
 from waychair.control.behaviours.paper_settings import DoorLimits
 from waychair.control.behaviours.range_finder import LookRequest
 from waychair.planning.seen.doorways import SPARE
@@ -29,7 +29,7 @@ class DoorSeen:
     """
 
     number: int
-    door: Doorway
+    door: DoorwayJambs
     clear: float
     is_open: bool
     borne_out: bool = True
@@ -70,7 +70,7 @@ def choose_door(seen: DoorsSeen, constants: ChairBody, dynamic: ChosenDoor) -> t
     return _turned(nearest) if turned else nearest, ChosenDoor(nearest.number, turned)
 
 
-def _along(door: Doorway) -> float:
+def _along(door: DoorwayJambs) -> float:
     """Return how far [m] the doorway lies ahead on its own way through."""
     x, y = door.middle
     return x * math.cos(door.through) + y * math.sin(door.through)
@@ -78,7 +78,7 @@ def _along(door: Doorway) -> float:
 
 def _turned(seen: DoorSeen) -> DoorSeen:
     door = seen.door
-    return replace(seen, door=Doorway(door.right_x, door.right_y, door.left_x, door.left_y))
+    return replace(seen, door=DoorwayJambs(door.right_x, door.right_y, door.left_x, door.left_y))
 
 
 def check_door(
@@ -92,13 +92,15 @@ def check_door(
     limits, body = constants
     if seen is None:
         return (
-            None if frame is None else DoorCheck(DoorState.LOOKING, request=LookRequest((frame.left + frame.right) / 2))
+            None
+            if frame is None
+            else DoorCheck(CandidateVerdict.LOOKING, request=LookRequest((frame.left + frame.right) / 2))
         )
     x, y = seen.door.middle
     request = LookRequest(math.atan2(y, x))
     if not seen.borne_out or (seen.is_open and seen.clear == 0.0):
-        return DoorCheck(DoorState.LOOKING, request=request)
+        return DoorCheck(CandidateVerdict.LOOKING, request=request)
     passes = seen.is_open and seen.clear >= body.width + SPARE
     if passes and limits.narrowest <= seen.door.width <= limits.widest:
-        return DoorCheck(DoorState.VALID, seen.door, request)
-    return DoorCheck(DoorState.REFUTED, request=request)
+        return DoorCheck(CandidateVerdict.VALID, seen.door, request)
+    return DoorCheck(CandidateVerdict.REFUTED, request=request)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.chair_body import TALLEST
-from waychair.control.behaviours.doorway import Doorway
+from waychair.control.behaviours.doorway import DoorwayJambs
 from waychair.control.behaviours.view.door_cells import DoorSeen, DoorsSeen
 from waychair.control.behaviours.view.local_view import Beams, Fans, MapPart, Thing
 from waychair.control.behaviours.view.view_kernels import CELL, SIDE, direction_part
@@ -160,5 +160,5 @@ def doors_seen(doorways: Iterable[FoundDoorway], odom_from_base: Pose2) -> Doors
             left, right = transform_points(at, np.array([[0.0, found.width / 2], [0.0, -found.width / 2]])).tolist()
             clear = max(found.clear - found.error, 0.0)
             is_open = found.state is DoorState.OPEN
-            near.append(DoorSeen(found.number, Doorway(*left, *right), clear, is_open, found.validated))
+            near.append(DoorSeen(found.number, DoorwayJambs(*left, *right), clear, is_open, found.validated))
     return DoorsSeen(tuple(near))

@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evaluation.scenes.building_faults import FAULTS
+from evaluation.scenes.buildings.building_faults import FAULTS
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.building.building import Building, load_building, save_building
 from waychair.maps.building.hgraph import (
     Arc,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Node,
     NodeKind,
     Storey,
     SubMap,
+    SubmapFrame,
 )
 from waychair.maps.building.indexed import indexed
 from waychair.maps.drawn.places import save_places
@@ -265,13 +265,13 @@ def large_building(folder: Path) -> Building:
             arcs.append(Arc(f"c{room - 1}", f"c{room}"))
         elif row:
             arcs.append(Arc(f"c{room - 50}", f"c{room}"))
-        doors.append(Doorway(f"c{room}", id_, "d"))
+        doors.append(GraphDoorway(f"c{room}", id_, "d"))
         nodes = [Node("d", NodeKind.BRIDGE, 0.0, 0.0)]
         nodes += [Node(f"n{k}", NodeKind.CROSS, (k % 3) - 1.0, 2.0 + k // 3) for k in range(per_room - 2)]
         nodes.append(Node("e", NodeKind.END, 0.0, 6.0, f"Room {room}"))
         inner = tuple(Arc(one.id, other.id) for one, other in pairwise(nodes))
         submaps[f"g/{id_}"] = SubMap(
-            f"g/{id_}", f"Room {room}", Frame(x, y), nodes={each.id: each for each in nodes}, arcs=inner
+            f"g/{id_}", f"Room {room}", SubmapFrame(x, y), nodes={each.id: each for each in nodes}, arcs=inner
         )
     submaps["g"] = SubMap("g", "Ground", storey="g", nodes=corridor, arcs=tuple(arcs), doorways=tuple(doors))
     order = {path: submaps[path] for path in ("", "g", *(each for each in submaps if each.startswith("g/")))}

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from tests.firmware_bridge.glove.fuzzing import build_glove_fuzzer, fuzz_glove
 
-from waychair.control.haptics.patterns import Vocabulary, vocabulary
+from waychair.control.haptics.patterns import TouchVocabulary, vocabulary
 from waychair.control.haptics.symbols import PRIORITY, Symbol
 from waychair.firmware_bridge.glove.bridge import GloveBridge
 from waychair.firmware_bridge.glove.fitting import Fitting
@@ -104,7 +104,7 @@ class _Stepped:
         assert not refused, refused
 
 
-def _timing(program: Path, words: Vocabulary) -> Json:
+def _timing(program: Path, words: TouchVocabulary) -> Json:
     """Every symbol: beginnings and lengths of all vibrations against the pattern, on the board's clock."""
     stepped = _Stepped(program)
     worst = 0
@@ -134,7 +134,7 @@ def _errors(
         begin += step.on_ms + step.off_ms
 
 
-def _interruption(program: Path, words: Vocabulary, count: int) -> Json:
+def _interruption(program: Path, words: TouchVocabulary, count: int) -> Json:
     """A warning at a random moment of a random symbol: milliseconds until all motors vibrate."""
     draw = random.Random(0)
     stepped = _Stepped(program)
@@ -153,7 +153,7 @@ def _interruption(program: Path, words: Vocabulary, count: int) -> Json:
     return {"passed": max(waits) <= INTERRUPTED_MS, "warnings": count, "longest_ms": max(waits)}
 
 
-def _silence(program: Path, words: Vocabulary, count: int) -> Json:
+def _silence(program: Path, words: TouchVocabulary, count: int) -> Json:
     """The computer stops at a random moment: milliseconds from its last frame to the board's own pattern."""
     draw = random.Random(1)
     waits, repeats = [], 0
@@ -262,7 +262,7 @@ def _since(record_ms: int, begun_s: float) -> float:
     return (record_ms - int(begun_ms) + 2**31) % 2**32 - 2**31 + 1 - begun_ms % 1.0
 
 
-def _live_timing(program: Path, words: Vocabulary, count: int) -> Json:
+def _live_timing(program: Path, words: TouchVocabulary, count: int) -> Json:
     """Errors of the steps of "forward" in real time; other programs of this computer delay the glove's loop."""
     steps = words.patterns[Symbol.FORWARD].steps()
     errors: list[int] = []

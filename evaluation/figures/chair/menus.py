@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from waychair.runtime.chair_port import Answer, GoalView
-from waychair.trials.live_chair import LiveChair
+from waychair.runtime.pages.chair_port import GoalView, PortAnswer
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import Json, Pose2
 from waychair.ui.server import page_server
 
@@ -71,12 +71,12 @@ class _Hospital:
         """See `ChairPort`."""
         return self._goals
 
-    def go(self, goal: str | Pose2) -> Answer:
+    def go(self, goal: str | Pose2) -> PortAnswer:
         """See `ChairPort`."""
         self.chosen.append(str(goal))
-        return Answer(False, "noted")
+        return PortAnswer(False, "noted")
 
-    def stop(self) -> Answer:
+    def stop(self) -> PortAnswer:
         """See `ChairPort`."""
         self.stopped_ns.append(time.monotonic_ns())
         return self._chair.stop()

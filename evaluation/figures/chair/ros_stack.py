@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.runs.live_stack import WORLD, Death, LiveStack, Seen, kill, waychair
+from evaluation.runs.live_stack import WORLD, Death, LiveStack, SeenMessages, kill, waychair
 from waychair.files import write_json
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
@@ -102,7 +102,7 @@ def ros_rates(out: Path) -> Json:
     """
     seconds = 20.0
     with LiveStack(out.with_suffix(""), _DOMAIN) as stack:
-        reports = Seen()
+        reports = SeenMessages()
         stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
         stack.begin(far_goal(stack))
         began_ns = time.time_ns()
@@ -138,7 +138,7 @@ def ros_latency(out: Path) -> Json:
     without a change of the lines are left out.
     """
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
-        scans = Seen()
+        scans = SeenMessages()
         stack.listen(topics.SCAN, lambda message: (_stamp(message), len(message.ranges), message.time_increment), scans)
         for _ in range(2):
             stack.begin(far_goal(stack))
@@ -154,7 +154,7 @@ def ros_latency(out: Path) -> Json:
     }
 
 
-def latencies_ms(stack: LiveStack, scans: Seen) -> list[float]:
+def latencies_ms(stack: LiveStack, scans: SeenMessages) -> list[float]:
     """Return the latencies [ms] of `ros_latency`."""
     changes = np.array([lines.stamp_ns for _, lines in stack.lines.all])
     ends = {stamp: stamp + round((count - 1) * step * 1e9) for _, (stamp, count, step) in scans.all}
@@ -223,7 +223,7 @@ def by_action(stack: LiveStack, place: Place) -> bool:
     return client.isTaskComplete() and client.getFeedback() is not None and is_at(stack, place)
 
 
-def _reported_hz(reports: Seen, topic: RosTopic, since_ns: int) -> float:
+def _reported_hz(reports: SeenMessages, topic: RosTopic, since_ns: int) -> float:
     """Return the mean rate of a topic as reported by bridge and navigator, the lower of both."""
     rates: dict[str, list[float]] = {}
     for _, each in reports.since(since_ns + 1_000_000_000):  # the first report may cover earlier time

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.scenes.mask_score import score_mask
+from evaluation.scenes.maps.mask_score import score_mask
 from waychair.calibration.drives.sensor_delays import TimeCalibrator
 from waychair.calibration.fits.self_mask import learn_self_mask
 from waychair.calibration.fits.time_offset import SensorDelays, without_delay

@@ -25,8 +25,8 @@ from waychair.simulation.plant.chair_file import load_chair, randomised_chair
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
-from waychair.trials.demo import run_demo
-from waychair.trials.demo_report import report
+from waychair.trials.demo.demo import run_demo
+from waychair.trials.demo.demo_report import report
 from waychair.trials.record import drive_route
 from waychair.types import ImuSample, Json, Pose2, PressureSample, RgbdFrame, Scan, SensorMessage, SonarReadings, Twist
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
 from waychair.trials.barn import upper_bound
-from waychair.trials.demo import run_demo
-from waychair.trials.demo_report import report
+from waychair.trials.demo.demo import run_demo
+from waychair.trials.demo.demo_report import report
 from waychair.types import Json
 
 SEEDS = int(os.environ.get("DEMO_SEEDS", "20"))

@@ -21,7 +21,7 @@ from evaluation.figures.mapping.logs import DATA
 from evaluation.runs.kept_runs import over_seeds
 from evaluation.runs.own_maps import MAPS, map_of_log, map_of_world
 from evaluation.scenes.timed_drives import (
-    Ground,
+    MappedWorld,
     TimedDrive,
     drives,
     ground_of_map,
@@ -89,7 +89,7 @@ def _named_drives(seed: int) -> list[TimedDrive]:
 
 
 @cache
-def _ground(building: str) -> Ground:
+def _ground(building: str) -> MappedWorld:
     if building in WORLDS:
         return ground_of_world(building, MAPS / building)
     return ground_of_map(building, MAPS / building)

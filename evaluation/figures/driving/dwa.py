@@ -33,7 +33,7 @@ from waychair.planning.window.paper_dwa import choose_as_paper
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.topics import COMMAND
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
 from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Path, Pose2, Twist
 
@@ -167,7 +167,7 @@ class Trap:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class DwaRun:
     """The result of one drive."""
 
     reached: bool
@@ -191,7 +191,7 @@ def random_trap(rng: np.random.Generator) -> Trap:
     return Trap(costmap_from_grid(grid, CHAIR_A), start, Pose2(12.0, middle, 0.0))
 
 
-def drive(trap: Trap, name: str) -> Run:
+def drive(trap: Trap, name: str) -> DwaRun:
     """Drive until the goal, a contact, a stuck chair, or the time limit."""
     pose, command, stood = trap.start, Twist(), 0
     path = plan(trap.costmap, trap.start, trap.goal, check_footprint=False)
@@ -210,7 +210,7 @@ def drive(trap: Trap, name: str) -> Run:
             break
         pose = pose @ arc(command.v * PERIOD, command.omega * PERIOD)
         if not fits(CHAIR_A, -CELL / 2, trap.costmap.field, pose):
-            return Run(reached=False, touched=True)
+            return DwaRun(reached=False, touched=True)
         if math.hypot(pose.x - trap.goal.x, pose.y - trap.goal.y) < 0.3:
-            return Run(reached=True, touched=False)
-    return Run(reached=False, touched=False)
+            return DwaRun(reached=True, touched=False)
+    return DwaRun(reached=False, touched=False)

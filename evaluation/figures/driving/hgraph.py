@@ -16,7 +16,7 @@ import numpy as np
 
 from evaluation.figures.driving import dwa
 from evaluation.figures.driving.hgraph_files import real_buildings
-from evaluation.scenes.hospital import SIZES, Hospital, Size, hospital
+from evaluation.scenes.buildings.hospital import SIZES, Hospital, Size, hospital
 from evaluation.speed.route_peers import missing_peers, peers_measured
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array

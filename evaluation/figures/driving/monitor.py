@@ -19,7 +19,7 @@ from waychair.geometry import transform_points
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.simulation.plan.world import world_from_grid
 from waychair.simulation.plant.plant import PlantSettings, randomised
-from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.topics import COMMAND
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
@@ -92,7 +92,7 @@ def _nearest(seed: int) -> float:
     rng = np.random.default_rng(seed)
     side = float(rng.choice([-1.0, 1.0]))
     person = PersonPlan(
-        Behaviour.SUDDEN,
+        PersonBehaviour.SUDDEN,
         _path(side, float(rng.uniform(5.0, 6.0))),
         speed=float(rng.uniform(0.8, 1.4)),
         yields=True,
@@ -155,7 +155,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
             scans += [message for message in messages if appeared_ns and isinstance(message, Scan)]
             if not appeared_ns and simulator.truth().x > appears_x:
                 at = transform_points(simulator.truth(), np.array([[CHAIR_A.front + 0.5 + _RADIUS, 0.0]]))
-                simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_RADIUS)])
+                simulator.populate([PersonPlan(PersonBehaviour.PATH, at, radius=_RADIUS)])
                 appeared_ns = simulator.now_ns
     motion = simulator.motion()
     seen_ns = next(stamp for scan in scans if (stamp := _first_beam_on(at, scan, motion)))

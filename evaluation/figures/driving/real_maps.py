@@ -38,7 +38,7 @@ _SEEN_M = 0.6
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class RealMapDrive:
     """The result of one drive."""
 
     reached: bool
@@ -74,7 +74,7 @@ def real_maps(out: Path) -> Json:
     return {"passed": passed, "drives": count, "reached": reached, "contacts": contacts, "buildings": rows}
 
 
-def run_drive(folder: Path, seed: int) -> Drive:
+def run_drive(folder: Path, seed: int) -> RealMapDrive:
     """Drive between two random places of a map with a path for chair A between them."""
     grid, costmap = _ground(folder)
     roomy = np.minimum(costmap.clearance, near_distances(grid.cells < 0, grid.resolution, 2 * _SEEN_M)) > _SEEN_M
@@ -93,7 +93,7 @@ def run_drive(folder: Path, seed: int) -> Drive:
         if _NEAREST_M < way < _FARTHEST_M:
             break
     (leg,) = navigate(grid, start, [Place("goal", goal)], seed)
-    return Drive(leg.reached, leg.contacts, leg.reason, leg.error_m, leg.duration_s, way)
+    return RealMapDrive(leg.reached, leg.contacts, leg.reason, leg.error_m, leg.duration_s, way)
 
 
 @cache

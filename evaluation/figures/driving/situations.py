@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.runs.watched_drive import Watched, watch
+from evaluation.runs.watched_drive import WatchedDrive, watch
 from evaluation.scenes.situations import situation
 from waychair.types import Json
 
@@ -50,17 +50,17 @@ def situations(out: Path) -> Json:
     }
 
 
-def _run(seed: int) -> Watched:
+def _run(seed: int) -> WatchedDrive:
     return watch(situation(seed), seed)
 
 
-def _rows(runs: list[Watched]) -> list[Json]:
+def _rows(runs: list[WatchedDrive]) -> list[Json]:
     """Return a row a kind: the worst of its runs, and their outcomes."""
     kinds = dict.fromkeys(run.kind for run in runs)
     return [_row(kind, [run for run in runs if run.kind == kind]) for kind in kinds]
 
 
-def _row(kind: str, runs: list[Watched]) -> Json:
+def _row(kind: str, runs: list[WatchedDrive]) -> Json:
     return {
         "kind": kind,
         "runs": len(runs),
@@ -74,7 +74,7 @@ def _row(kind: str, runs: list[Watched]) -> Json:
     }
 
 
-def _confusions(runs: list[Watched]) -> Json:
+def _confusions(runs: list[WatchedDrive]) -> Json:
     """Return for each cause how often each cause was named."""
     return {
         cause: dict(Counter(run.named for run in runs if run.cause == cause)) for cause in {r.cause: 0 for r in runs}

@@ -15,7 +15,7 @@ from evaluation.scenes.tight_places import SceneResult, TightScene, corner_scene
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.trials.barn import upper_bound
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.types import Json
 
 STARTS = int(os.environ.get("WRONG_CHAIRS_STARTS", "20"))

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from waychair.maps.traffic.corridors import CorridorPlan
-from waychair.runtime.chair_port import ChairView
+from waychair.runtime.pages.chair_port import ChairView
 from waychair.trials.fleet.fleet_on_lines import STEP_NS, ChairsOnLines
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 from waychair.types import Json
 from waychair.ui.server import page_server
 

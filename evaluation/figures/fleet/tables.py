@@ -33,7 +33,7 @@ RATIO = (0.61, 0.73)
 """Median of C over A at 7 persons: 0.67 +- 0.06, as one chair of three without delay gives 2/3."""
 
 
-class Cell(NamedTuple):
+class TableCell(NamedTuple):
     """One plan, rule and number of persons over all seeds: delays [s], people's waiting [s/h], runs that locked up.
 
     `by_chairs_s` is the mean delay without the time in which the chair stood for people.
@@ -110,7 +110,7 @@ def fleet_tables(out: Path) -> Json:
     }
 
 
-def _compared(cells: list[Cell], coordinated: list[Cell]) -> tuple[Json, dict[str, bool]]:
+def _compared(cells: list[TableCell], coordinated: list[TableCell]) -> tuple[Json, dict[str, bool]]:
     """Return the coordinator's figures over the paper's, as means over the numbers of persons, and whether they are smaller."""
     paper = {(cell.rule, cell.plan, cell.persons): cell for cell in cells}
     ratios: Json = {}
@@ -137,11 +137,11 @@ def _compared(cells: list[Cell], coordinated: list[Cell]) -> tuple[Json, dict[st
     }
 
 
-def _cell(plan: str, rule: RightOfWay, persons: int, seeds: int, by_coordinator: bool) -> Cell:
+def _cell(plan: str, rule: RightOfWay, persons: int, seeds: int, by_coordinator: bool) -> TableCell:
     graph = corridor_graph(load_corridors(plan))
     hours = coordinated_hours if by_coordinator else partial(fleet_hours, conflicts=Conflicts.READ)
     runs = [hours(graph, chairs=CHAIRS, people=persons, rule=rule, hours=1.0, seed=seed) for seed in range(seeds)]
-    return Cell(
+    return TableCell(
         plan,
         rule,
         persons,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.figures.mapping.logs import DATA
-from evaluation.scenes.unregistered_pictures import TOLD_RIGHT, Sensors, drawn_sensors, pictures, swaying, turned
+from evaluation.scenes.maps.unregistered_pictures import TOLD_RIGHT, Sensors, drawn_sensors, pictures, swaying, turned
 from waychair.recordings.recording import read_recording
 from waychair.simulation.plan.world import load_world
 from waychair.slam.camera.camera_fit import CameraFit, fit_camera

@@ -25,7 +25,7 @@ _LIMIT_S = 900.0
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CaseRow:
     """A case: its kind's number, what happened before (by its README), what was measured now, and whether it is right."""
 
     case: str
@@ -48,7 +48,7 @@ def cases(out: Path) -> Json:
         kind, before, check = _CHECKS.get(path.name, (0, "", _unknown))
         with tempfile.TemporaryDirectory() as work:
             after, right = check(path, Path(work))
-        rows.append(Row(path.name, kind, before, after, right))
+        rows.append(CaseRow(path.name, kind, before, after, right))
         print(f"{path.name:36} {kind:2}  {before:60.60}  {after:80.80}  {'right' if right else 'WRONG'}", flush=True)
     return {
         "passed": all(row.right for row in rows),

@@ -14,8 +14,8 @@ from pathlib import Path
 from statistics import median
 
 from evaluation.corruptions.drawing import corrupted, fault_of, faults, pictures_in, sound, torn
-from evaluation.corruptions.verdict import TIMES, Judged, Verdict, judged, sentences_of
-from evaluation.corruptions.warm_runner import Run, WarmRunner
+from evaluation.corruptions.verdict import TIMES, Judged, RunVerdict, judged, sentences_of
+from evaluation.corruptions.warm_runner import FinishedRun, WarmRunner
 from evaluation.figures.mapping.logs import DATA
 from evaluation.runs.kept_runs import kept_folder
 from waychair.types import Json
@@ -30,7 +30,7 @@ _KINDS = {
     4: "files",
     5: "picture folders",
 }
-_BAD = (Verdict.TRACEBACK, Verdict.SILENT_WRONG, Verdict.TOO_SLOW, Verdict.TOO_LARGE)
+_BAD = (RunVerdict.TRACEBACK, RunVerdict.SILENT_WRONG, RunVerdict.TOO_SLOW, RunVerdict.TOO_LARGE)
 
 
 def corruptions(out: Path) -> Json:
@@ -55,9 +55,9 @@ class _Bench:
     folder: Path
     runner: WarmRunner
     pictures: Path | None
-    sound_runs: dict[str, tuple[Run, tuple[str, ...]]] = field(default_factory=dict)
+    sound_runs: dict[str, tuple[FinishedRun, tuple[str, ...]]] = field(default_factory=dict)
 
-    def of_sound(self, name: str) -> tuple[Run, tuple[str, ...]]:
+    def of_sound(self, name: str) -> tuple[FinishedRun, tuple[str, ...]]:
         """Return the median run of a sound recording, and its sentences."""
         if name not in self.sound_runs:
             folder = self.folder / f"sound_{name}"
@@ -66,11 +66,11 @@ class _Bench:
             count = _SOUND_RUNS_OF_PICTURES if name == "pictures" else _SOUND_RUNS
             runs = [self._mapped(path, folder / f"map_{k}") for k in range(count)]
             cpu, memory = (median(getattr(run, what) for run in runs) for what in ("cpu_s", "memory_mb"))
-            run = Run(runs[0].status, runs[0].text, cpu, runs[0].wall_s, memory)
+            run = FinishedRun(runs[0].status, runs[0].text, cpu, runs[0].wall_s, memory)
             self.sound_runs[name] = (run, sentences_of(run.text))
         return self.sound_runs[name]
 
-    def _mapped(self, path: Path, out: Path) -> Run:
+    def _mapped(self, path: Path, out: Path) -> FinishedRun:
         return self.runner.run(["map", str(path), "--out", str(out)], _SOUND_LIMIT_S)
 
 
@@ -128,15 +128,15 @@ def _figures(rows: list[Judged], pictures: Path | None, *, whole: bool) -> Json:
     kinds = {
         _KINDS[kind]: dict(Counter(str(row.verdict) for row in rows if row.kind == kind)) for kind in sorted(_KINDS)
     }
-    misblamed = counts[Verdict.MISBLAMED] / max(1, len(rows))
+    misblamed = counts[RunVerdict.MISBLAMED] / max(1, len(rows))
     bad = sum(counts[verdict] for verdict in _BAD)
-    passed = bad == 0 and misblamed <= MISBLAMED and counts[Verdict.UNNAMED] == 0
+    passed = bad == 0 and misblamed <= MISBLAMED and counts[RunVerdict.UNNAMED] == 0
     _print_table(kinds, counts)
     return {
         "passed": bool(passed and whole),
         "runs": len(rows),
         "kinds_of_fault": len(faults(pictures)),
-        **{str(verdict).replace(" ", "_"): counts[verdict] for verdict in Verdict},
+        **{str(verdict).replace(" ", "_"): counts[verdict] for verdict in RunVerdict},
         "most_time": max((row.time_times for row in rows), default=0.0),
         "most_memory": max((row.memory_times for row in rows), default=0.0),
         "by_kind": kinds,
@@ -149,8 +149,8 @@ def _row(row: Judged) -> Json:
     return {name: None if value != value else value for name, value in asdict(row).items()}  # noqa: PLR0124
 
 
-def _print_table(kinds: dict[str, dict[str, int]], counts: Counter[Verdict]) -> None:
+def _print_table(kinds: dict[str, dict[str, int]], counts: Counter[RunVerdict]) -> None:
     """Print the verdicts by kind, and of all."""
-    print(f"{'':24}" + "".join(f"{verdict:>13}" for verdict in Verdict))
+    print(f"{'':24}" + "".join(f"{verdict:>13}" for verdict in RunVerdict))
     for name, own in (*kinds.items(), ("all", {str(verdict): count for verdict, count in counts.items()})):
-        print(f"{name:24}" + "".join(f"{own.get(str(verdict), 0):13}" for verdict in Verdict))
+        print(f"{name:24}" + "".join(f"{own.get(str(verdict), 0):13}" for verdict in RunVerdict))

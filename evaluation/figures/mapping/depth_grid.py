@@ -9,11 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from evaluation.scenes.depth_drive import drive_with_pictures, with_hazards
-from evaluation.scenes.depth_score import depth_score
-from evaluation.scenes.edge_approach import approach_edge
 from evaluation.scenes.hazards import DROP_OFFS
-from evaluation.scenes.map_score import wall_agreement
+from evaluation.scenes.maps.depth_drive import drive_with_pictures, with_hazards
+from evaluation.scenes.maps.depth_score import depth_score
+from evaluation.scenes.maps.edge_approach import approach_edge
+from evaluation.scenes.maps.map_score import wall_agreement
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.files import write_bytes
 from waychair.maps.depth.depth_scan import DepthSettings

@@ -11,7 +11,7 @@ import numpy as np
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.building.building import add_storey, new_building
 from waychair.maps.building.hgraph import HGraph, NodeKind, Storey
-from waychair.maps.building.hgraph_checks import Severity, Surroundings, check
+from waychair.maps.building.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map
 from waychair.planning.building.generation.storey_generation import generated_storey, save_generation
@@ -47,8 +47,8 @@ def _row(world: World, drives: int) -> Json:
         made = generated_storey(building, STOREY, CHAIR_A)
         save_generation(made, STOREY)
         places, grid, hgraph = load_places(maps), load_map(maps), made.building.hgraph
-    around = Surroundings(CHAIR_A.width, CHAIR_A.length, {STOREY: grid}, {STOREY: places})
-    found = [finding for finding in check(hgraph, around) if finding.severity is Severity.ERROR]
+    around = GraphSurroundings(CHAIR_A.width, CHAIR_A.length, {STOREY: grid}, {STOREY: places})
+    found = [finding for finding in check(hgraph, around) if finding.severity is FindingSeverity.ERROR]
     tour = _tour(hgraph, places, drives)
     records = navigate(grid, world.start, tour, world=world) if tour else ()
     return {

@@ -1,6 +1,6 @@
 """Loop closure by pictures and lidar: the two floors of the wheelchair paper, and a world of identical rooms.
 
-The figures (revisits, recall, false loops) are defined in `evaluation.scenes.revisits`.
+The figures (revisits, recall, false loops) are defined in `evaluation.scenes.maps.revisits`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.scenes.revisits import map_drive, record_drive, score, trajectory_error
+from evaluation.scenes.maps.revisits import map_drive, record_drive, score, trajectory_error
 from waychair.offline.appearance_mapping import memory_report
 from waychair.offline.paper_tables import paper_tables
 from waychair.slam.mapping.appearance_loops import NEAR_DISTANCE

@@ -64,7 +64,7 @@ class Split:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class KidnapOutcome:
     """The result of one start: whether the localiser reported OK, its errors [m], [rad] and distance driven [m] then,
     and the processor time of its slowest global search with the check of the candidates [s]."""
 
@@ -126,7 +126,7 @@ def in_mapped_area(
     return mapped
 
 
-def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> Outcome:
+def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> KidnapOutcome:
     """Run one start without a pose, until OK, 3 m of driving, or the end of the data."""
     localiser = Localiser(data.grid, data.base_from_laser, None, settings)
     way, slowest = 0.0, 0.0
@@ -144,8 +144,8 @@ def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> Outcome:
         if found.state is LocalisationState.OK:
             pose, true = found.map_from_base, data.truth[k]
             away, turned = math.dist((pose.x, pose.y), true[:2]), abs(wrap_angle(pose.theta - float(true[2])))
-            return Outcome(True, away, turned, way, slowest)
-    return Outcome(False, math.inf, math.inf, way, slowest)
+            return KidnapOutcome(True, away, turned, way, slowest)
+    return KidnapOutcome(False, math.inf, math.inf, way, slowest)
 
 
 def fr079(out: Path) -> Json:
@@ -236,7 +236,7 @@ def _way_left(truth: FloatArray) -> FloatArray:
     return left
 
 
-def _figures(outcomes: Sequence[Outcome]) -> Json:
+def _figures(outcomes: Sequence[KidnapOutcome]) -> Json:
     count, wrong = len(outcomes), sum(outcome.wrong for outcome in outcomes)
     ok = [outcome for outcome in outcomes if outcome.said_ok]
     return {

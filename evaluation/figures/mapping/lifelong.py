@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.scenes.lifelong import Lifelong, drive_sessions
+from evaluation.scenes.maps.lifelong import Lifelong, drive_sessions
 from waychair.maps.folders.map_files import load_map
 from waychair.types import UNKNOWN, Json
 

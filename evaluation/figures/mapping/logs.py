@@ -18,7 +18,7 @@ DATA = Path(os.environ.get("WAYCHAIR_DATA", "../shared/data"))
 
 
 @dataclass(frozen=True, slots=True)
-class Bars:
+class LogBars:
     """Number of relations, greatest mean errors [m], [deg], greatest single error [m]; then limits of CPU time of the
     whole command [s], 95th percentile per key scan [ms], and memory [MB]."""
 
@@ -35,13 +35,13 @@ def intel(out: Path) -> Json:
     """Intel Research Lab, first 1088 s and its 1030 relations (measured on this file: open_karto 0.0218 m / 0.667)."""
     folder = "lidar_intel"
     log, relations = f"{folder}/intel_first1088s.clf.gz", f"{folder}/intel_first1088s.relations.gz"
-    return _scored(out, log, relations, Bars(1030, 0.022, 0.65, 0.5, 7.0, 15.0, 400.0))
+    return _scored(out, log, relations, LogBars(1030, 0.022, 0.65, 0.5, 7.0, 15.0, 400.0))
 
 
 def fr079(out: Path) -> Json:
     """Freiburg 079 with its pseudo-odometry (measured on this file: open_karto's best set 0.152 m / 1.41)."""
     folder = "lidar_fr079"
-    return _scored(out, f"{folder}/fr079_laser.clf.gz", f"{folder}/fr079.relations.gz", Bars(1664, 0.10, 0.9, 1.0))
+    return _scored(out, f"{folder}/fr079_laser.clf.gz", f"{folder}/fr079.relations.gz", LogBars(1664, 0.10, 0.9, 1.0))
 
 
 def coreslam(out: Path) -> Json:
@@ -91,7 +91,7 @@ def mapped(out: Path, log: str) -> tuple[Json, float]:
     return dict(json.loads((_folder(out) / "report.json").read_text())), cpu
 
 
-def _scored(out: Path, log: str, relations: str, bars: Bars) -> Json:
+def _scored(out: Path, log: str, relations: str, bars: LogBars) -> Json:
     """Score by the recordings' metric; ours, which separates relations across loops, must agree with it."""
     report, cpu = mapped(out, log)
     tool = DATA.parent / "tools" / "trajectory_error.py"

@@ -13,7 +13,7 @@ import numpy as np
 
 from evaluation.figures.mapping.logs import DATA
 from evaluation.runs.long_drives import SLOW_MS, command_figures, live_figures
-from evaluation.scenes.map_score import wall_agreement
+from evaluation.scenes.maps.map_score import wall_agreement
 from waychair.maps.folders.map_files import load_map
 from waychair.recordings.recording import read_recording, read_tum
 from waychair.simulation.plan.world import load_world

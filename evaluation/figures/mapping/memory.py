@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.runs.patrol import CAMERA, Patrol, Sight
+from evaluation.runs.patrol import CAMERA, Patrol, PatrolSecond
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import compose, rotation
 from waychair.maps.grid.cells import cells_from_points, inside
@@ -26,7 +26,7 @@ from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.memory.long_term_memory import LongTermStore
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
-from waychair.slam.memory.nodes import LinkKind, Node, NodeStatus
+from waychair.slam.memory.nodes import LinkKind, MemoryNode, NodeStatus
 from waychair.types import FloatArray, Json, Pose2
 
 HOUR = 3600
@@ -108,7 +108,7 @@ class _Drive:
         self.appearance.memory.close()
         self._folder.cleanup()
 
-    def _frame(self, sight: Sight) -> None:
+    def _frame(self, sight: PatrolSecond) -> None:
         live, log = self.live, self.log
         frame, keys = sight.frame, live.mapper.keys
         before, loops = self._spent(), keys.kinds[EdgeKind.LOOP]
@@ -298,12 +298,12 @@ def _map_for_ever(path: Path, tell: int) -> None:
         memory.transfer()
 
 
-def made_of(number: int) -> Node:
+def made_of(number: int) -> MemoryNode:
     """Return a node with contents computed from its number, all different."""
     rng = np.random.default_rng(number)
     words = np.arange(1, 201, dtype=np.int32) + 200 * number
     points, bits = rng.random((200, 3), np.float32), rng.integers(0, 256, (200, 32), dtype=np.uint8)
-    return Node(number * 1_000_000_000, Pose2(0.5 * number), words, points[:, :2], points, bits)
+    return MemoryNode(number * 1_000_000_000, Pose2(0.5 * number), words, points[:, :2], points, bits)
 
 
 def _ids(path: Path) -> list[int]:
@@ -324,7 +324,7 @@ def _differing(path: Path) -> int:
     return wrong
 
 
-def _differs(node: Node) -> bool:
+def _differs(node: MemoryNode) -> bool:
     made = made_of(node.id)
     pairs = ((node.words, made.words), (node.points, made.points), (node.descriptors, made.descriptors))
     return not all(np.array_equal(a, b) for a, b in pairs)

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from evaluation.scenes.room_plans import FURNISHED, TRUTH, agreement, plan_grid, plan_names, true_rooms
+from evaluation.scenes.buildings.room_plans import FURNISHED, TRUTH, agreement, plan_grid, plan_names, true_rooms
 from waychair.maps.grid.cells import cells_from_points
 from waychair.maps.rooms.floor_rooms import FloorRooms, RoomKind, rooms_of_grid
 from waychair.simulation.plan.world import World, levels_of, load_world, shipped_worlds

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.runs.live_stack import COMMAND, WORLD, LiveStack, Seen
+from evaluation.runs.live_stack import COMMAND, WORLD, LiveStack, SeenMessages
 from waychair.geometry import wrap_angle
 from waychair.maps.folders.map_files import load_map
 from waychair.offline.mapping import MappingSettings, map_recording
@@ -74,7 +74,7 @@ def ros_mapping(out: Path) -> Json:
 @contextmanager
 def _recording(stack: LiveStack, bag: Path) -> Iterator[None]:
     """Run `waychair record` from its first scans until the chair rests."""
-    reports = Seen()
+    reports = SeenMessages()
     stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
     with subprocess.Popen(
         [*COMMAND, "record", "--out", str(bag)], env=ros_environment(domain=stack.domain)
@@ -86,7 +86,7 @@ def _recording(stack: LiveStack, bag: Path) -> Iterator[None]:
             recorder.send_signal(signal.SIGINT)
 
 
-def _scans_in(reports: Seen) -> int:
+def _scans_in(reports: SeenMessages) -> int:
     """Return the recorder's number of scans, by its own report."""
     said = [report for report in reports.last or () if report.name.endswith("recorder: recording")]
     return int(dict(said[0].values).get("/scan", 0)) if said else 0

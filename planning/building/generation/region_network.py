@@ -33,7 +33,7 @@ BEND = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class RegionLink:
     """A way between two points of a network.
 
     Attributes:
@@ -99,7 +99,7 @@ def region_of(costmap: Costmap, mask: BoolArray) -> Region | None:
     return Region(costmap, low, np.where(reached, costmap.prices[window], 0).astype(np.int32))
 
 
-def region_links(region: Region, points: FloatArray, most: Sequence[int]) -> list[Link]:
+def region_links(region: Region, points: FloatArray, most: Sequence[int]) -> list[RegionLink]:
     """Return ways that join all points (N, 2) [m] that the chair can drive between, with at most `most` (N,) each.
 
     The shortest ways come first until all points are joined (Kruskal); then those that save a detour.
@@ -109,7 +109,7 @@ def region_links(region: Region, points: FloatArray, most: Sequence[int]) -> lis
     found.sort(key=lambda link: link.length)
     group = list(range(len(points)))
     arcs = [0] * len(points)
-    taken: list[Link] = []
+    taken: list[RegionLink] = []
     for limit in (0, MOST_ARCS):  # the second time, points with too few arcs to join all may have more
         for link in found:
             ends = link.start, link.end
@@ -135,7 +135,7 @@ def whole_storey(costmap: Costmap) -> Region:
     return Region(costmap, np.zeros(2, np.int64), costmap.prices)
 
 
-def link_between(region: Region, points: FloatArray, start: int, end: int) -> Link | None:
+def link_between(region: Region, points: FloatArray, start: int, end: int) -> RegionLink | None:
     """Return the way between two of the points (N, 2) [m]; None where the chair cannot drive from one to the other."""
     cells = region.cell(points[start]), region.cell(points[end])
     if cells[0] is None or cells[1] is None:
@@ -148,7 +148,7 @@ def link_between(region: Region, points: FloatArray, start: int, end: int) -> Li
     return _link(region, start, end, search.path(), points)
 
 
-def _candidates(region: Region, points: FloatArray, cells: list[tuple[int, int] | None]) -> list[Link]:
+def _candidates(region: Region, points: FloatArray, cells: list[tuple[int, int] | None]) -> list[RegionLink]:
     """Return the ways from each point to its nearest ones, each once."""
     found = []
     for one, cell in enumerate(cells):
@@ -174,16 +174,16 @@ def _candidates(region: Region, points: FloatArray, cells: list[tuple[int, int] 
     return found
 
 
-def _link(region: Region, start: int, end: int, cells: IntArray, points: FloatArray) -> Link:
+def _link(region: Region, start: int, end: int, cells: IntArray, points: FloatArray) -> RegionLink:
     path = points_from_cells(region.costmap.grid, cells + region.low)
     path[0], path[-1] = points[start], points[end]
     keep = bends(path, BEND)
     steps = np.hypot(*np.diff(path, axis=0).T)
     lengths = np.array([steps[a:b].sum() for a, b in pairwise([0, *keep, len(path) - 1])])
-    return Link(start, end, path[keep].reshape(-1, 2), lengths)
+    return RegionLink(start, end, path[keep].reshape(-1, 2), lengths)
 
 
-def _passes_another(link: Link, points: FloatArray) -> bool:
+def _passes_another(link: RegionLink, points: FloatArray) -> bool:
     """Return whether a way leads past a third point, over which there are ways already."""
     line = np.vstack([points[link.start], link.bends, points[link.end]])
     others = np.delete(points, [link.start, link.end], axis=0)
@@ -198,7 +198,7 @@ def _from_segment(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArra
     return result
 
 
-def _tree_distance(links: list[Link], count: int, start: int, end: int) -> float:
+def _tree_distance(links: list[RegionLink], count: int, start: int, end: int) -> float:
     """Return the length of the shortest way over links [m] (Bellman and Ford: there are few)."""
     away = [math.inf] * count
     away[start] = 0.0

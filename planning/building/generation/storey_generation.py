@@ -20,8 +20,7 @@ from waychair.files import is_file, read_bytes
 from waychair.maps.building.building import Building, place_of, save_building, texts_of_places
 from waychair.maps.building.hgraph import (
     Arc,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -30,6 +29,7 @@ from waychair.maps.building.hgraph import (
     Origin,
     Stop,
     SubMap,
+    SubmapFrame,
     Way,
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap, without_submap
@@ -177,11 +177,11 @@ def aligned_storey(building: Building, storey: str, places: Mapping[str, Mapping
         theta = math.remainder(now.theta + turned, math.tau)
     c, s = math.cos(theta), math.sin(theta)
     x, y = there.mean(axis=0) - np.array([[c, -s], [s, c]]) @ here.mean(axis=0)
-    frame = Frame(round(float(x), 3), round(float(y), 3), round(theta, 6), 1.0)
+    frame = SubmapFrame(round(float(x), 3), round(float(y), 3), round(theta, 6), 1.0)
     return with_submap(hgraph, replace(hgraph.submaps[storey], frame=frame))
 
 
-def _in_frame(hgraph: HGraph, ref: NodeRef, frame: Frame) -> tuple[float, float]:
+def _in_frame(hgraph: HGraph, ref: NodeRef, frame: SubmapFrame) -> tuple[float, float]:
     node = hgraph.submaps[ref.submap].nodes[ref.node]
     return frame.point(node.x, node.y)
 
@@ -326,7 +326,7 @@ def _doorways(
     ids: list[str],
     inner: list[list[str]],
     last: Iterable[list[str]],
-) -> tuple[tuple[Doorway, ...], list[list[str]]]:
+) -> tuple[tuple[GraphDoorway, ...], list[list[str]]]:
     """Return the doorways of the storey's sub-map, and the list of those that were made."""
     old = {(each.start, each.child, each.node): each for each in known.doorways}
     gone = {tuple(each) for each in last} - set(old)
@@ -337,7 +337,7 @@ def _doorways(
             continue
         key = ids[each.start], child, inner[each.room][each.node]
         way = old[key].way if key in old else Way(width=round(each.width, 3))
-        made[key] = old.get(key) or Doorway(*key, way, origin=Origin.AUTO)
+        made[key] = old.get(key) or GraphDoorway(*key, way, origin=Origin.AUTO)
     kept = {key: each for key, each in old.items() if each.origin is Origin.HAND and each.start in own.nodes}
     new = {key: each for key, each in made.items() if each.start in own.nodes}
     doorways = {key: each for key, each in {**kept, **new}.items() if key not in gone}

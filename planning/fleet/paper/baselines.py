@@ -14,7 +14,7 @@ from waychair.errors import TrafficError
 from waychair.maps.traffic.traffic_graph import Section
 from waychair.planning.fleet.paper.admission import Dice
 from waychair.planning.fleet.paper.messages import Command, Query
-from waychair.planning.fleet.paper.network import Found, Network, Node
+from waychair.planning.fleet.paper.network import FoundRoute, NetworkNode, NodeNetwork
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts
 
 TRIES = 50
@@ -51,7 +51,7 @@ def reading_of(preset: PaperPreset) -> Conflicts:
 
 def preset_route(
     preset: PaperPreset,
-    network: Network,
+    network: NodeNetwork,
     chair: int,
     source: str,
     target: str,
@@ -60,7 +60,7 @@ def preset_route(
     speed: float,
     dice: Dice,
     priority: int = 0,
-) -> Found:
+) -> FoundRoute:
     """Return a chair's route by one of the planners and commit the network's nodes to it.
 
     Raises:
@@ -81,7 +81,7 @@ def preset_route(
 
 
 def _random_way(
-    network: Network, source: str, command: Command, dice: Dice, *, cut: bool
+    network: NodeNetwork, source: str, command: Command, dice: Dice, *, cut: bool
 ) -> list[tuple[Section, str]] | None:
     """Return sections and nodes of a random way, or None where it ends or has more hops than there are nodes."""
     here, before, label = source, "", 0.0
@@ -109,7 +109,7 @@ def _random_way(
 
 
 def _predicted(
-    network: Network, node: Node, section: Section, neighbour: str, command: Command, label: float, hops: int
+    network: NodeNetwork, node: NetworkNode, section: Section, neighbour: str, command: Command, label: float, hops: int
 ) -> float:
     query = Query(0, command, node.name, section.name, label, hops, network.stops.timer_s)
     return network.cost_at(neighbour, section, query)

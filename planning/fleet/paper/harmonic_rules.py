@@ -21,7 +21,7 @@ class HarmonicRule(enum.Enum):
     FLEXIBLE = "flexible"
 
 
-class Level(enum.IntEnum):
+class RulePriority(enum.IntEnum):
     """The three levels of priority of rule C."""
 
     ROUTINE = 0
@@ -29,14 +29,14 @@ class Level(enum.IntEnum):
     TOP = 2
 
 
-def chair_stands_for_people(rule: HarmonicRule, level: Level) -> bool:
+def chair_stands_for_people(rule: HarmonicRule, level: RulePriority) -> bool:
     """Return whether a chair stands for a person in its way."""
     if rule is HarmonicRule.FLEXIBLE:
-        return level < Level.PEOPLE
+        return level < RulePriority.PEOPLE
     return rule is HarmonicRule.HUMANS
 
 
-def chair_stands_for_chair(own: Level, other: Level) -> bool | None:
+def chair_stands_for_chair(own: RulePriority, other: RulePriority) -> bool | None:
     """Return whether a chair stands for another one in conflict, by any rule; None where the node throws the dice."""
     return None if own == other else own < other
 

@@ -65,7 +65,7 @@ class Committed(NamedTuple):
     shortest_s: float
 
 
-class Offer(NamedTuple):
+class OfferedLabel(NamedTuple):
     """A label [s] with its hops, and the neighbour and section that it comes from; compares as the paper's BFSP does."""
 
     label: float
@@ -78,14 +78,14 @@ class Offer(NamedTuple):
 class Search:
     """A node's memory of one search: the last offer over each section, the best one as told, and those it told."""
 
-    offers: dict[str, Offer] = field(default_factory=dict)
-    best: Offer | None = None
+    offers: dict[str, OfferedLabel] = field(default_factory=dict)
+    best: OfferedLabel | None = None
     told: set[str] = field(default_factory=set)
     hints: dict[str, bool] | None = None
 
 
 @dataclass(slots=True)
-class Node:
+class NetworkNode:
     """One node: its neighbours by section, filters by neighbour, commitments by chair, searches by number.
 
     `work` counts the messages that it has handled.
@@ -103,7 +103,7 @@ class Node:
         return target == self.name or any(target in each for each in self.filters.values())
 
 
-class Found(NamedTuple):
+class FoundRoute(NamedTuple):
     """A route: its `nodes`, one more than `sections`, and the foreseen time of day [s] at each node."""
 
     nodes: tuple[str, ...]
@@ -111,7 +111,7 @@ class Found(NamedTuple):
     arrivals_s: tuple[float, ...]
 
 
-class Network:
+class NodeNetwork:
     """All nodes of a graph and the mail between them; `conflicts` is the reading of Plan-FWPP.
 
     Attributes:
@@ -135,7 +135,7 @@ class Network:
         self._filtered = filtered
         filters = goal_filters(graph) if filtered else {}
         self.nodes = {
-            node.name: Node(
+            node.name: NetworkNode(
                 node.name,
                 tuple((graph.section[move.section], move.end) for move in graph.moves[node.name]),
                 filters.get(node.name, {}),
@@ -144,9 +144,11 @@ class Network:
         }
         self._mail: list[tuple[float, int, str, Message]] = []
         self._numbers = count()
-        self._found: dict[int, Found] = {}
+        self._found: dict[int, FoundRoute] = {}
 
-    def search(self, chair: int, source: str, target: str, *, start_s: float, speed: float, priority: int = 0) -> Found:
+    def search(
+        self, chair: int, source: str, target: str, *, start_s: float, speed: float, priority: int = 0
+    ) -> FoundRoute:
         """Return the route of a chair, and commit the nodes on it; the chair's earlier commitments end.
 
         Args:
@@ -179,7 +181,7 @@ class Network:
             )
         return found
 
-    def follow(self, command: Command, source: str, way: Sequence[tuple[Section, str]]) -> Found:
+    def follow(self, command: Command, source: str, way: Sequence[tuple[Section, str]]) -> FoundRoute:
         """Commit the nodes to a way of sections and nodes that was found without labels, and return it as a route."""
         names = [source, *(name for _, name in way)]
         times = [command.start_s]
@@ -194,7 +196,7 @@ class Network:
                 times[i],
                 ("", "", times[i]) if last else (names[i + 1], way[i][0].name, times[i + 1]),
             )
-        return Found(tuple(names), tuple(section.name for section, _ in way), tuple(times))
+        return FoundRoute(tuple(names), tuple(section.name for section, _ in way), tuple(times))
 
     def cost_at(self, node: str, section: Section, query: Query) -> float:
         """Return the time [s] over a section to a node with the penalty of the conflicts that the node predicts."""
@@ -254,7 +256,7 @@ class Network:
             node.work += 1
             if isinstance(message, Command):
                 search = node.searches.setdefault(number, Search())
-                search.best = Offer(0.0, 0, "", "")
+                search.best = OfferedLabel(0.0, 0, "", "")
                 self._relay(now_s, node, number, message)
             elif isinstance(message, Query):
                 self._hear(now_s, node, message)
@@ -269,14 +271,14 @@ class Network:
             else:
                 self._pass_on(now_s, node, message)
 
-    def _hear(self, now_s: float, node: Node, query: Query) -> None:
+    def _hear(self, now_s: float, node: NetworkNode, query: Query) -> None:
         """Phase 2: note an offer, and pass the query on if it has changed the node's label."""
         search = node.searches.setdefault(query.search, Search())
         if search.best is not None and search.best.hops == 0:
             return  # the source
         section = self.graph.section[query.section]
         label = query.label + self._cost(node, section, query)
-        search.offers[query.section] = Offer(label, query.hops, query.sender, query.section)
+        search.offers[query.section] = OfferedLabel(label, query.hops, query.sender, query.section)
         best = min(search.offers.values())
         if best == search.best:
             return
@@ -284,7 +286,7 @@ class Network:
         if node.name != query.command.target:
             self._relay(now_s, node, query.search, query.command)
 
-    def _relay(self, now_s: float, node: Node, number: int, command: Command) -> None:
+    def _relay(self, now_s: float, node: NetworkNode, number: int, command: Command) -> None:
         """Phase 2: send the node's label to the neighbours that a filter names, and to those that have an older label."""
         search = node.searches[number]
         target = command.target
@@ -298,14 +300,16 @@ class Network:
                 continue
             self._tell(now_s, node, number, command, section, neighbour)
 
-    def _worth(self, search: Search, node: Node, neighbour: str, target: str) -> bool:
+    def _worth(self, search: Search, node: NetworkNode, neighbour: str, target: str) -> bool:
         if search.best is not None and neighbour == search.best.neighbour:
             return False
         if not self._filtered or neighbour == target:
             return True
         return target in node.filters[neighbour] or bool(search.hints and search.hints.get(neighbour))
 
-    def _tell(self, now_s: float, node: Node, number: int, command: Command, section: Section, neighbour: str) -> None:
+    def _tell(
+        self, now_s: float, node: NetworkNode, number: int, command: Command, section: Section, neighbour: str
+    ) -> None:
         search = node.searches[number]
         best = search.best
         if best is None or best.hops >= self._most_hops or section.name in self.closed:
@@ -314,7 +318,7 @@ class Network:
         query = Query(number, command, node.name, section.name, best.label, best.hops + 1, self.stops.timer_s)
         self._post(now_s, neighbour, query)
 
-    def _hinted(self, now_s: float, node: Node, hint: Hint) -> None:
+    def _hinted(self, now_s: float, node: NetworkNode, hint: Hint) -> None:
         search = node.searches[hint.search]
         if search.hints is None:
             return
@@ -324,7 +328,7 @@ class Network:
                 if neighbour == hint.sender and self._worth(search, node, neighbour, hint.command.target):
                     self._tell(now_s, node, hint.search, hint.command, section, neighbour)
 
-    def _cost(self, node: Node, section: Section, query: Query) -> float:
+    def _cost(self, node: NetworkNode, section: Section, query: Query) -> float:
         """Return the time [s] from the sender over a section to this node, with the penalty of Plan-FWPP."""
         command = query.command
         duration = section.seconds(command.speed)
@@ -351,7 +355,7 @@ class Network:
         return duration + worst
 
     def _confirm(
-        self, number: int, command: Command, node: Node, way: tuple[tuple[str, str, float], ...], now_s: float
+        self, number: int, command: Command, node: NetworkNode, way: tuple[tuple[str, str, float], ...], now_s: float
     ) -> None:
         """Phase 3: commit a node and send the confirmation to its predecessor."""
         best = node.searches[number].best
@@ -364,13 +368,13 @@ class Network:
             confirm = Confirm(number, command, node.name, best.section, arrival_s, (step, *way))
             self._post(now_s, best.neighbour, confirm)
             return
-        self._found[number] = Found(
+        self._found[number] = FoundRoute(
             (node.name, *(name for name, _, _ in way)),
             tuple(section for _, section, _ in way),
             (arrival_s, *(time for _, _, time in way)),
         )
 
-    def _commit(self, node: Node, command: Command, arrival_s: float, step: tuple[str, str, float]) -> None:
+    def _commit(self, node: NetworkNode, command: Command, arrival_s: float, step: tuple[str, str, float]) -> None:
         ahead, section, ahead_s = step
         duration_s = self.graph.section[section].seconds(command.speed) if section else 0.0
         shortest_s = min((each.seconds(command.speed) for each, _ in node.neighbours), default=0.0)
@@ -378,7 +382,7 @@ class Network:
             command.chair, command.priority, arrival_s, section, ahead, ahead_s, duration_s, shortest_s
         )
 
-    def _pass_on(self, now_s: float, node: Node, message: Late | Cancel) -> None:
+    def _pass_on(self, now_s: float, node: NetworkNode, message: Late | Cancel) -> None:
         """Phase 4: change or end a commitment and tell the next node of the route."""
         kept = node.committed.get(message.chair)
         if kept is None:

@@ -13,7 +13,7 @@ SILENT_NS = 2_500_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class WardenDecision:
     """What a warden sends: answers to chairs, and the order if it is time to tell it; `grants`: whether it may grant.
 
     `begins_again`: a majority follows it that has forgotten whom it followed before; another term counts them. `electorate`: the

@@ -37,7 +37,7 @@ class Times:
 
 
 @dataclass(slots=True)
-class Heard:
+class HeardOthers:
     """What was heard of others.
 
     Attributes:

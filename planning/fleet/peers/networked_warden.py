@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 from waychair.planning.fleet.order import Order, Request, Turn, with_priorities
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
-from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
+from waychair.planning.fleet.peers.decision import SILENT_NS, WardenDecision
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
 from waychair.planning.fleet.peers.electorate import next_electorate
 from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Version, Why
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, Wait
-from waychair.planning.fleet.warden import Answer as Word
-from waychair.planning.fleet.warden import District, Heard, Reply, Report, decided
+from waychair.planning.fleet.warden import ChairReport, Heard, Reply, WardenState, decided
+from waychair.planning.fleet.warden import RequestWord as Word
 from waychair.planning.fleet.ways import NEVER, Ways
 from waychair.types import Json
 
@@ -69,7 +69,7 @@ class Office:
     term: Term
     boots: dict[int, int] = field(default_factory=dict)
     since_ns: int | None = None
-    district: District | None = None
+    district: WardenState | None = None
     stances: dict[int, tuple[int, int]] = field(default_factory=dict)
     absent: dict[int, Claim] = field(default_factory=dict)
     heard: dict[int, int] = field(default_factory=dict)
@@ -106,14 +106,14 @@ def ordered(
     known: Mapping[int, Known],
     blocked_ms: Mapping[str, int],
     now_ns: int,
-) -> Decision:
+) -> WardenDecision:
     """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office.
 
     `blocked_ms` are the sections that chairs see shut, and for how long that is believed.
     """
     following = followers(own, office.term, known, now_ns)
     if not counted(office, own, known, following):
-        return Decision(begins_again=is_majority(own.electorate, following))
+        return WardenDecision(begins_again=is_majority(own.electorate, following))
     if office.since_ns is None:
         office.since_ns = now_ns
     now_ms = now_ns // 1_000_000
@@ -124,8 +124,8 @@ def ordered(
     }
     if office.district is None:
         if any(number not in loyal for number in chairs) and now_ns - office.since_ns < LISTEN_NS:
-            return Decision()
-        office.district = District(order_of(ways, {}, now_ms), clearing_ms, own.number)
+            return WardenDecision()
+        office.district = WardenState(order_of(ways, {}, now_ms), clearing_ms, own.number)
     afresh = _is_changed(office, loyal, known, chairs, now_ms)
     if afresh:
         order = _taken_over(office, ways, loyal, known, chairs, now_ms)
@@ -139,7 +139,7 @@ def ordered(
         office.told_ns, office.told_electors = now_ns, own.electorate.version
         told = _told(own, office)
     electorate = next_electorate(own, office.term, known, following)
-    return Decision(True, False, answers, told, electorate, _ended_waits(office, now_ms))
+    return WardenDecision(True, False, answers, told, electorate, _ended_waits(office, now_ms))
 
 
 def _taken_over(
@@ -219,7 +219,7 @@ def _is_there(order: Order, number: int, each: Known) -> bool:
     return set(each.state.entered) <= {chain.spots[0], *(spot for _, spot in chain.behind)}
 
 
-def _with_closed(office: Office, district: District, now_ms: int) -> District:
+def _with_closed(office: Office, district: WardenState, now_ms: int) -> WardenState:
     """Return the district with all resources closed in which a chair is that does not keep the order."""
     ways = district.order.ways
     blocked = {resource: until for resource, until in district.blocked_until_ms.items() if now_ms < until < NEVER}
@@ -235,7 +235,7 @@ def _decide(
     assert office.district is not None
     order = _reprioritised(office.district.order, loyal)
     now_ms = now_ns // 1_000_000
-    reports: list[Report] = []
+    reports: list[ChairReport] = []
     requests: list[Request] = []
     for number, each in loyal.items():
         if number not in order.chains or (office.heard.get(number) == each.sent_ns and not afresh):
@@ -264,7 +264,7 @@ def _reprioritised(order: Order, loyal: Mapping[int, Known]) -> Order:
     return with_priorities(order, wanted)
 
 
-def _report(order: Order, number: int, each: Known) -> Report:
+def _report(order: Order, number: int, each: Known) -> ChairReport:
     """Return the report in which all that the chair wants and may enter now counts as entered."""
     chain, state = order.chains[number], each.state
     more = max(min(state.visit + state.wants - chain.visit, len(chain.spots) - 1), 0)
@@ -277,12 +277,12 @@ def _report(order: Order, number: int, each: Known) -> Report:
     visits = chain.visit + free
     rear = state.visit - len(state.entered) + 1
     if state.wants > visits - state.visit and state.ready_ms <= STANDS_MS:
-        return Report(number, visits, max(visits - rear, 0))  # it stands, and would go on at once
+        return ChairReport(number, visits, max(visits - rear, 0))  # it stands, and would go on at once
     passing = sum(int(order.ways.passing_ms[spot]) for spot in chain.spots[1 : free + 1])
     ahead = sum(int(order.ways.passing_ms[spot]) for visit, spot in chain.behind if visit > state.visit)
     if chain.visit > state.visit:
         ahead += int(order.ways.passing_ms[chain.spots[0]])
-    return Report(number, visits, max(visits - rear, 0), state.ready_ms + passing + ahead)
+    return ChairReport(number, visits, max(visits - rear, 0), state.ready_ms + passing + ahead)
 
 
 def _request(office: Office, order: Order, number: int, each: Known, now_ms: int) -> Request | None:

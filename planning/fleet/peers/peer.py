@@ -14,10 +14,10 @@ import msgspec
 
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.closures import Closures
-from waychair.planning.fleet.peers.decision import Decision
+from waychair.planning.fleet.peers.decision import WardenDecision
 from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, followers, is_majority, standing
 from waychair.planning.fleet.peers.electorate import adopted
-from waychair.planning.fleet.peers.memory import BOOT_NS, HELLO_NS, REQUEST_NS, STATE_NS, Heard, Times
+from waychair.planning.fleet.peers.memory import BOOT_NS, HELLO_NS, REQUEST_NS, STATE_NS, HeardOthers, Times
 from waychair.planning.fleet.peers.messages import (
     Answer,
     Blocked,
@@ -130,7 +130,7 @@ class SpotAuthority:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PeerStep:
     """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each.
 
     `electorate`: a new one, which the owner has to keep for the next start of this peer before it sends the messages. `records` are
@@ -162,7 +162,7 @@ class Peer:
         self.office: Office | None = None
         self.refused = ""
         self._hello = hello or Hello(version=fleet.version)
-        self._heard = Heard(Closures(frozenset(section.resource for section in fleet.ways.graph.sections)))
+        self._heard = HeardOthers(Closures(frozenset(section.resource for section in fleet.ways.graph.sections)))
         self._times = Times()
         self._stance = 0
         self._mode = messages.IN_ORDER
@@ -184,7 +184,7 @@ class Peer:
         """The other peers by their last States."""
         return self._heard.known
 
-    def step(self, now_ns: int, own: Own, heard: Sequence[tuple[int, bytes]]) -> Step:
+    def step(self, now_ns: int, own: Own, heard: Sequence[tuple[int, bytes]]) -> PeerStep:
         """Return what follows from the own chair and the messages since the last step, each with the number of its sender.
 
         `now_ns` is a monotonic clock that runs while the computer sleeps.
@@ -201,7 +201,7 @@ class Peer:
         ]
         notices += self._check_number(now_ns)
         if self.refused:
-            return Step((), SpotAuthority(alone=True, sentence=self.refused), tuple(notices))
+            return PeerStep((), SpotAuthority(alone=True, sentence=self.refused), tuple(notices))
         if self._heard.closures.report(own.blocked, "seen shut", now_ns):
             self._give_back()  # its way leads through there
         decision = self._vote(now_ns, own)
@@ -209,7 +209,7 @@ class Peer:
         authority = self._authority(now_ns, own)
         send = self._messages(now_ns, own, authority, decision)
         new = None if self.voter.electorate is electorate else self.voter.electorate
-        return Step(send, authority, tuple(notices), new, decision.records)
+        return PeerStep(send, authority, tuple(notices), new, decision.records)
 
     def _slept(self, now_ns: int) -> None:
         """Forget all leases and the warden: the computer was suspended, or its clock jumped."""
@@ -299,11 +299,11 @@ class Peer:
         term = self.allegiance.term
         return term is not None and (letter.sender, letter.boot, epoch) == (term.warden, term.boot, term.epoch)
 
-    def _vote(self, now_ns: int, own: Own) -> Decision:
+    def _vote(self, now_ns: int, own: Own) -> WardenDecision:
         """Follow a warden, or be one; return what the own office decides."""
         alone = self.voter.electorate.members == (self.number,)
         if self.number not in self.fleet.numbers or (now_ns - self._times.start < START_NS and not alone):
-            return Decision()
+            return WardenDecision()
         before = self.allegiance
         known = self._heard.known
         self.allegiance = followed(self.voter, before, known, now_ns)
@@ -315,9 +315,9 @@ class Peer:
             self._give_back()
             self.office = None
         if term is None or term.warden != self.number:
-            return Decision()
+            return WardenDecision()
         if self.office is None and not is_majority(self.voter.electorate, followers(self.voter, term, known, now_ns)):
-            return Decision()
+            return WardenDecision()
         # late: it takes 60 MB, which only a warden has to pay
         from waychair.planning.fleet.peers.networked_warden import Office, ordered
 
@@ -433,7 +433,7 @@ class Peer:
         )
 
     def _messages(
-        self, now_ns: int, own: Own, authority: SpotAuthority, decision: Decision
+        self, now_ns: int, own: Own, authority: SpotAuthority, decision: WardenDecision
     ) -> tuple[tuple[int | None, str, bytes], ...]:
         """Return the messages that are due: a State at once where it differs from the last."""
         times = self._times

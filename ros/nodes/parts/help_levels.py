@@ -21,9 +21,9 @@ from waychair.ros.messages.json_text import read_json_text
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import Localised
 from waychair.runtime.drive_base import DriveBase
-from waychair.runtime.guard_points import GuardPoints, ToldPoints
-from waychair.runtime.guard_view import guard_view
 from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.rider.guard_points import GuardPoints, ToldPoints
+from waychair.runtime.rider.guard_view import guard_view
 
 LEVEL = "help_level"
 """The name of the parameter, which the bridge declares as one that may change."""

@@ -22,8 +22,8 @@ from waychair.planning.building.learnt_drives import building_of_map
 from waychair.planning.building.pose_ends import nearest_node
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.ros.messages.floor import StoreyGoal
-from waychair.runtime.building_goals import legs_to
 from waychair.runtime.journeys import StoreyMap
+from waychair.runtime.pages.building_goals import legs_to
 from waychair.types import Pose2
 
 

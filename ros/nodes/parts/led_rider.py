@@ -29,13 +29,13 @@ from waychair.ros.messages.motion import read_odometry
 from waychair.ros.messages.sensors import read_scan
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import LastMessage
-from waychair.ros.nodes.parts.map_layout import Layout
-from waychair.runtime.guard_view import GuardView
-from waychair.runtime.haptic_port import NOT_LED
+from waychair.ros.nodes.parts.map_layout import MapLayout
 from waychair.runtime.haptics.haptic_guide import HapticGuide
-from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Surroundings
+from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.teller import Teller
-from waychair.runtime.perception_view import surroundings
+from waychair.runtime.pages.haptic_port import NOT_LED
+from waychair.runtime.pages.perception_view import surroundings
+from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.topics import SCAN as SCAN_RATE
@@ -74,7 +74,7 @@ class LedRider:
         node.at_end(worker.shutdown)
         self.guide = HapticGuide(calibration.body, teller, learner, _NOWHERE, worker=worker, around=self._around)
         self._node, self._calibration = node, calibration
-        self._layout, self._track, self._heard = Layout({}, ()), OdometryTrack(), _Heard()
+        self._layout, self._track, self._heard = MapLayout({}, ()), OdometryTrack(), _Heard()
         self._place: Place | None = None  # waits for the level at which the rider is led
         self._choose = node.create_client(interface_type("waychair_msgs/srv/ChooseLevel"), "choose_level")
         self._listen(scan_frame)
@@ -197,7 +197,7 @@ class LedRider:
         """Return what was told last; None if that is long ago."""
         return last.value if now_ns - last.at_ns <= _SILENT_NS else None
 
-    def _around(self) -> Surroundings:
+    def _around(self) -> RiderSurroundings:
         return surroundings(self._layout.places, self._fresh(self._heard.cells, time.monotonic_ns()))
 
     def _stop(self) -> None:

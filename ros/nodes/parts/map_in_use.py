@@ -8,7 +8,7 @@ from pathlib import Path
 
 from waychair.errors import MapError, WaychairError
 from waychair.maps.folders.map_drawing import DrawingEditor
-from waychair.runtime.chair_port import LayoutView
+from waychair.runtime.pages.chair_port import LayoutView
 
 
 class MapInUse:

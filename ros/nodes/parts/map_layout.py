@@ -18,7 +18,7 @@ from waychair.types import Goal, OccupancyGrid, Place, Pose2
 
 
 @dataclass(slots=True)
-class Layout:
+class MapLayout:
     """The map in `folder` with its places and zones; `next_grid` waits for the end of the current drive, `drawn` is their files.
 
     `revision`: of the floor whose map the pilot has. `floor`: the one told last, until its map has come as well; `loaded_ns`:
@@ -81,13 +81,13 @@ class Layout:
         return True
 
 
-def first_layout(map_folder: str) -> Layout:
+def first_layout(map_folder: str) -> MapLayout:
     """Return the layout of the map folder that the node was started with.
 
     Raises:
         PlaceError, ZoneError: the places or zones of the map are damaged.
     """
     if not map_folder:
-        return Layout({}, ())
+        return MapLayout({}, ())
     folder = FilePath(map_folder)
-    return Layout(load_places(folder), load_zones(folder), folder, drawn=DrawnFiles(folder))
+    return MapLayout(load_places(folder), load_zones(folder), folder, drawn=DrawnFiles(folder))

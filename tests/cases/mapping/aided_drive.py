@@ -15,7 +15,7 @@ from waychair.geometry import compose, interpolate, pose_from_array
 from waychair.offline.aids import CheckedRecording, checked_recording
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording
 from waychair.recordings.recording import Recording
-from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, AidPart, AidState, Cause
 from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame, Trajectory, Twist
 
@@ -127,7 +127,7 @@ def error_of(recording: Recording, truth: Trajectory) -> tuple[float, Mapping]:
     return truth_errors(mapping.result.drive_trajectory, truth).rmse_m, mapping
 
 
-def looks(findings: tuple[AidFinding, ...]) -> list[tuple[Part, State, Cause]]:
+def looks(findings: tuple[AidFinding, ...]) -> list[tuple[AidPart, AidState, Cause]]:
     """Parts, states and causes of findings."""
     return [(found.part, found.state, found.cause) for found in findings]
 

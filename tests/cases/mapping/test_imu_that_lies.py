@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.cases.mapping.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
-from waychair.slam.odometry.aid_findings import AidFinding, AidNames, Cause, Part, State, sentence
+from waychair.slam.odometry.aid_findings import AidFinding, AidNames, AidPart, AidState, Cause, sentence
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import ImuSample, Odometry, Pose2, Twist
 
@@ -58,21 +58,24 @@ def without_gravity(sound: Imu) -> Imu:
     return replace(sound, accel=sound.accel - (0.0, 0.0, 9.81))
 
 
-CASES: dict[str, tuple[ImuFault, tuple[Part, State, Cause]]] = {
-    "degrees": (in_degrees, (Part.GYRO, State.CORRECTED, Cause.DEGREES)),
-    "upside down": (hanging, (Part.GYRO, State.CORRECTED, Cause.OTHER_WAY)),
-    "on edge": (on_edge, (Part.GYRO, State.CORRECTED, Cause.ON_EDGE)),
-    "zeros": (dead, (Part.GYRO, State.LEFT_OUT, Cause.NOTHING)),
-    "no gravity": (without_gravity, (Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY)),
-    "leaning": (leaning, (Part.GRAVITY, State.CORRECTED, Cause.LEANING)),
-    "backward": (backward, (Part.GRAVITY, State.LEFT_OUT, Cause.FALSE_SLIPS)),
-    "in g": (lambda sound: replace(sound, accel=sound.accel / 9.80665), (Part.GRAVITY, State.CORRECTED, Cause.IN_G)),
-    "bias": (lambda sound: replace(sound, gyro=sound.gyro + 0.3), (Part.GYRO, State.CORRECTED, Cause.BIAS)),
-    "twice": (lambda sound: replace(sound, gyro=2.0 * sound.gyro), (Part.GYRO, State.CORRECTED, Cause.SCALE)),
-    "late": (lambda sound: replace(sound, times=sound.times + 0.5), (Part.GYRO, State.CORRECTED, Cause.DELAY)),
+CASES: dict[str, tuple[ImuFault, tuple[AidPart, AidState, Cause]]] = {
+    "degrees": (in_degrees, (AidPart.GYRO, AidState.CORRECTED, Cause.DEGREES)),
+    "upside down": (hanging, (AidPart.GYRO, AidState.CORRECTED, Cause.OTHER_WAY)),
+    "on edge": (on_edge, (AidPart.GYRO, AidState.CORRECTED, Cause.ON_EDGE)),
+    "zeros": (dead, (AidPart.GYRO, AidState.LEFT_OUT, Cause.NOTHING)),
+    "no gravity": (without_gravity, (AidPart.GRAVITY, AidState.LEFT_OUT, Cause.NO_GRAVITY)),
+    "leaning": (leaning, (AidPart.GRAVITY, AidState.CORRECTED, Cause.LEANING)),
+    "backward": (backward, (AidPart.GRAVITY, AidState.LEFT_OUT, Cause.FALSE_SLIPS)),
+    "in g": (
+        lambda sound: replace(sound, accel=sound.accel / 9.80665),
+        (AidPart.GRAVITY, AidState.CORRECTED, Cause.IN_G),
+    ),
+    "bias": (lambda sound: replace(sound, gyro=sound.gyro + 0.3), (AidPart.GYRO, AidState.CORRECTED, Cause.BIAS)),
+    "twice": (lambda sound: replace(sound, gyro=2.0 * sound.gyro), (AidPart.GYRO, AidState.CORRECTED, Cause.SCALE)),
+    "late": (lambda sound: replace(sound, times=sound.times + 0.5), (AidPart.GYRO, AidState.CORRECTED, Cause.DELAY)),
     "noise": (
         lambda sound: replace(sound, gyro=np.random.default_rng(1).normal(0.0, 2.0, sound.gyro.shape)),
-        (Part.GYRO, State.LEFT_OUT, Cause.UNLIKE),
+        (AidPart.GYRO, AidState.LEFT_OUT, Cause.UNLIKE),
     ),
 }
 
@@ -98,7 +101,7 @@ def test_a_gyro_that_sticks_is_left_out_from_then_on() -> None:
 
     recording, truth = recorded(imu=stuck)
     found = checked(recording)
-    assert looks(found.findings) == [(Part.GYRO, State.LEFT_OUT, Cause.STUCK)]
+    assert looks(found.findings) == [(AidPart.GYRO, AidState.LEFT_OUT, Cause.STUCK)]
     assert found.findings[0].since_s == pytest.approx(12.0, abs=3.0)
     assert any(frame.imu for frame in found.recording.frames[:40])
     assert not any(frame.imu for frame in found.recording.frames[-40:])
@@ -123,7 +126,7 @@ def test_a_gyro_in_degrees_is_told_although_scans_blur_turns() -> None:
 def test_gravity_that_is_lost_on_the_way_has_its_time() -> None:
     made, _ = recorded(imu=lambda sound: since(14.0, without_gravity(sound), sound))
     (finding,) = checked(made).findings
-    assert (finding.part, finding.cause) == (Part.GRAVITY, Cause.NO_GRAVITY)
+    assert (finding.part, finding.cause) == (AidPart.GRAVITY, Cause.NO_GRAVITY)
     assert finding.since_s == pytest.approx(14.0, abs=3.0)
 
 
@@ -133,7 +136,7 @@ def test_without_wheels_a_sound_imu_is_joined_by_the_ways_of_the_scans() -> None
 
 
 def test_the_sentence_names_the_topic_the_fault_the_consequence_and_the_time() -> None:
-    finding = AidFinding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
+    finding = AidFinding(AidPart.GYRO, AidState.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
     assert sentence(finding, AidNames("/scan", "/odom", "/imu/data")) == (
         "/imu/data: the turn rates are 57.3 times too large, as in degrees: corrected, since 32 s"
     )
@@ -165,7 +168,7 @@ def test_single_wild_samples_are_left_out_by_name_and_the_map_stays_right(size: 
     recording, truth = recorded(imu=wild)
     found = checked(recording)
     (finding,) = found.findings
-    assert (finding.part, finding.state, finding.cause) == (Part.GYRO, State.LEFT_OUT, Cause.WILD)
+    assert (finding.part, finding.state, finding.cause) == (AidPart.GYRO, AidState.LEFT_OUT, Cause.WILD)
     assert 35 <= finding.count <= 40
     assert finding.value == pytest.approx(size, rel=0.1)
     assert re.search(r"messages from [\d.]+ to [\d.]+ s have wild turn rates", found.sentences[0])
@@ -179,4 +182,4 @@ def test_a_burst_of_wild_forces_is_left_out() -> None:
         return replace(sound, accel=accel)
 
     (finding,) = checked(recorded(imu=shaken)[0]).findings
-    assert (finding.part, finding.cause, finding.count) == (Part.GRAVITY, Cause.WILD, 25)
+    assert (finding.part, finding.cause, finding.count) == (AidPart.GRAVITY, Cause.WILD, 25)

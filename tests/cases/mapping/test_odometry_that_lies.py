@@ -17,8 +17,8 @@ from waychair.cli.options.recording_options import RecordingOptions
 from waychair.recordings.recording import InputSettings, read_recording
 from waychair.recordings.scans import mirrored
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.odometry.aid_findings import Cause, Part, State
-from waychair.slam.odometry.broken_steps import BreakKind, Track, repaired
+from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
+from waychair.slam.odometry.broken_steps import BreakKind, OrderedOdometry, repaired
 from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import FloatArray, Pose2
 
@@ -128,20 +128,25 @@ def test_a_step_that_no_chair_drives_is_no_motion(fault: WheelFault, cause: Caus
 @pytest.mark.parametrize(
     ("fault", "part", "state", "cause"),
     [
-        (scaled(1000.0, 1000.0, 1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.MILLIMETRES),
-        (lambda sound: sound.moved(lambda _, p: p[:, [1, 0, 2]]), Part.WHEEL_WAY, State.CORRECTED, Cause.EXCHANGED),
-        (scaled(1.0, -1.0, 1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.EXCHANGED),
-        (lambda sound: sound.rolled(way=0.5), Part.WHEEL_WAY, State.CORRECTED, Cause.SCALE),
-        (lambda sound: sound.rolled(way=-1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.BACKWARD),
-        (lambda sound: sound.rolled(turn=1.5), Part.WHEEL_TURN, State.CORRECTED, Cause.SCALE),
-        (scaled(1.0, -1.0, -1.0), Part.WHEEL_TURN, State.CORRECTED, Cause.OTHER_WAY),
-        (scaled(1.0, 1.0, 0.0), Part.WHEEL_TURN, State.LEFT_OUT, Cause.NOTHING),
-        (lambda sound: replace(sound, times=sound.times + 0.6), Part.WHEELS, State.CORRECTED, Cause.DELAY),
+        (scaled(1000.0, 1000.0, 1.0), AidPart.WHEEL_WAY, AidState.CORRECTED, Cause.MILLIMETRES),
+        (
+            lambda sound: sound.moved(lambda _, p: p[:, [1, 0, 2]]),
+            AidPart.WHEEL_WAY,
+            AidState.CORRECTED,
+            Cause.EXCHANGED,
+        ),
+        (scaled(1.0, -1.0, 1.0), AidPart.WHEEL_WAY, AidState.CORRECTED, Cause.EXCHANGED),
+        (lambda sound: sound.rolled(way=0.5), AidPart.WHEEL_WAY, AidState.CORRECTED, Cause.SCALE),
+        (lambda sound: sound.rolled(way=-1.0), AidPart.WHEEL_WAY, AidState.CORRECTED, Cause.BACKWARD),
+        (lambda sound: sound.rolled(turn=1.5), AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.SCALE),
+        (scaled(1.0, -1.0, -1.0), AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.OTHER_WAY),
+        (scaled(1.0, 1.0, 0.0), AidPart.WHEEL_TURN, AidState.LEFT_OUT, Cause.NOTHING),
+        (lambda sound: replace(sound, times=sound.times + 0.6), AidPart.WHEELS, AidState.CORRECTED, Cause.DELAY),
     ],
     ids=["mm", "x and y exchanged", "y mirrored", "half", "backward", "track", "mirrored", "no heading", "late"],
 )
 def test_odometry_in_other_units_or_axes_is_corrected_by_name(
-    fault: WheelFault, part: Part, state: State, cause: Cause
+    fault: WheelFault, part: AidPart, state: AidState, cause: Cause
 ) -> None:
     recording, truth = recorded(fault)
     assert (part, state, cause) in looks(checked(recording).findings)
@@ -152,7 +157,7 @@ def test_odometry_that_stops_is_replaced_by_the_scans_from_then_on() -> None:
     recording, truth = recorded(stopped)
     found = checked(recording)
     causes = {(part, cause) for part, _, cause in looks(found.findings)}
-    assert (Part.WHEELS, Cause.STUCK) in causes
+    assert (AidPart.WHEELS, Cause.STUCK) in causes
     end = (truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9
     way = next(finding for finding in found.findings if finding.cause is Cause.STUCK)
     assert way.since_s is not None
@@ -163,7 +168,7 @@ def test_odometry_that_stops_is_replaced_by_the_scans_from_then_on() -> None:
 
 def test_exchanged_wheels_are_told_from_a_hanging_lidar_by_the_gyro() -> None:
     recording, truth = recorded(lambda sound: sound.rolled(turn=-1.0), imu=lambda sound: sound)
-    assert looks(checked(recording).findings) == [(Part.WHEEL_TURN, State.CORRECTED, Cause.OTHER_WAY)]
+    assert looks(checked(recording).findings) == [(AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.OTHER_WAY)]
     assert error_of(recording, truth)[0] < GOOD
 
 
@@ -176,14 +181,14 @@ def mirrored_headings(sound: Wheels) -> Wheels:
 def test_headings_against_their_own_positions_are_corrected_and_the_lidar_is_not_blamed(imu: ImuFault | None) -> None:
     recording, truth = recorded(mirrored_headings, imu)
     found = checked(recording)
-    assert looks(found.findings) == [(Part.WHEEL_TURN, State.CORRECTED, Cause.MIRRORED_HEADINGS)]
+    assert looks(found.findings) == [(AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.MIRRORED_HEADINGS)]
     assert "the headings turn the other way than its own positions and the scans: corrected" in found.sentences[0]
     assert error_of(recording, truth)[0] < GOOD
 
 
 def test_a_lidar_upside_down_is_still_told_from_odometry_that_agrees_with_itself() -> None:
     recording, _ = recorded(scan=mirrored)
-    assert (Part.LIDAR, State.CORRECTED, Cause.MIRRORED_OR_WHEELS) in looks(checked(recording).findings)
+    assert (AidPart.LIDAR, AidState.CORRECTED, Cause.MIRRORED_OR_WHEELS) in looks(checked(recording).findings)
 
 
 def test_without_a_gyro_both_causes_of_turns_the_other_way_are_named() -> None:
@@ -196,14 +201,14 @@ def test_without_a_gyro_both_causes_of_turns_the_other_way_are_named() -> None:
 
 def test_speeds_in_another_unit_are_taken_from_the_poses() -> None:
     recording, truth = recorded(lambda sound: replace(sound, speeds=sound.speeds * (1000.0, 1.0)))
-    assert looks(checked(recording).findings) == [(Part.TWIST, State.CORRECTED, Cause.SCALE)]
+    assert looks(checked(recording).findings) == [(AidPart.TWIST, AidState.CORRECTED, Cause.SCALE)]
     assert error_of(recording, truth)[0] < GOOD
 
 
 def test_wheels_some_per_cent_long_are_noted_and_left_alone_where_scans_measure_the_way() -> None:
     recording, truth = recorded(lambda sound: sound.rolled(way=1.05))
     found = checked(recording)
-    assert looks(found.findings) == [(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER)]
+    assert looks(found.findings) == [(AidPart.SCALES, AidState.NOTED, Cause.SCALES_DIFFER)]
     assert found.findings[0].value == pytest.approx(1.05 * 1.005, abs=0.01)
     assert found.recording is recording
     assert error_of(recording, truth)[0] < GOOD
@@ -234,7 +239,7 @@ def test_readings_that_stay_the_same_for_a_while_are_stood_in_for_by_the_scans()
         return replace(sound, poses=poses, speeds=speeds)
 
     recording, truth = recorded(stuck)
-    assert (Part.WHEELS, State.LEFT_OUT, Cause.STUCK) in looks(checked(recording).findings)
+    assert (AidPart.WHEELS, AidState.LEFT_OUT, Cause.STUCK) in looks(checked(recording).findings)
     assert error_of(recording, truth)[0] < GOOD
 
 
@@ -246,7 +251,7 @@ def test_single_speeds_that_no_chair_drives_are_left_out_and_the_poses_kept() ->
 
     recording, truth = recorded(wild)
     (finding,) = checked(recording).findings
-    assert (finding.part, finding.state, finding.cause) == (Part.TWIST, State.LEFT_OUT, Cause.WILD)
+    assert (finding.part, finding.state, finding.cause) == (AidPart.TWIST, AidState.LEFT_OUT, Cause.WILD)
     assert finding.count == 3
     assert error_of(recording, truth)[0] < GOOD
 
@@ -257,7 +262,7 @@ def test_single_speeds_that_no_chair_drives_are_left_out_and_the_poses_kept() ->
 def test_a_lidar_that_looks_elsewhere_than_told_is_found(yaw: float) -> None:
     recording, truth = recorded(told=Pose2(0.15, 0.0, yaw))
     found = checked(recording)
-    assert looks(found.findings) == [(Part.LIDAR, State.CORRECTED, Cause.MOUNT)]
+    assert looks(found.findings) == [(AidPart.LIDAR, AidState.CORRECTED, Cause.MOUNT)]
     assert abs(found.recording.base_from_laser.theta) < 0.05
     assert "--base-from-laser" in found.sentences[0]
     assert error_of(recording, truth)[0] < GOOD
@@ -273,7 +278,7 @@ def test_a_lidar_that_looks_elsewhere_than_told_is_found(yaw: float) -> None:
 def test_a_lidar_elsewhere_than_told_is_found_by_the_turns(told: Pose2) -> None:
     recording, truth = recorded(told=told)
     found = checked(recording)
-    assert looks(found.findings) == [(Part.LIDAR, State.CORRECTED, Cause.MOUNT)]
+    assert looks(found.findings) == [(AidPart.LIDAR, AidState.CORRECTED, Cause.MOUNT)]
     lever = found.recording.base_from_laser
     assert math.hypot(lever.x - 0.15, lever.y) < 0.08
     assert "m in turns" in found.sentences[0]
@@ -283,7 +288,7 @@ def test_a_lidar_elsewhere_than_told_is_found_by_the_turns(told: Pose2) -> None:
 def test_without_messages_the_scans_stand_in() -> None:
     recording, truth = recorded(mute)
     (finding,) = checked(recording).findings
-    assert (finding.part, finding.state, finding.cause) == (Part.WHEELS, State.LEFT_OUT, Cause.MISSING)
+    assert (finding.part, finding.state, finding.cause) == (AidPart.WHEELS, AidState.LEFT_OUT, Cause.MISSING)
     end = (truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9
     assert finding.since_s == pytest.approx(0.4 * end, abs=1.0)
     assert finding.until_s == pytest.approx(0.4 * end + 5.0, abs=1.0)
@@ -293,7 +298,7 @@ def test_without_messages_the_scans_stand_in() -> None:
 def test_a_first_message_that_is_wild_is_one_message() -> None:
     recording, truth = recorded(first_off)
     found = checked(recording)
-    assert looks(found.findings) == [(Part.WHEELS, State.LEFT_OUT, Cause.WILD)]
+    assert looks(found.findings) == [(AidPart.WHEELS, AidState.LEFT_OUT, Cause.WILD)]
     assert "one message at 0.0 s is 100 km off" in found.sentences[0]
     assert error_of(recording, truth)[0] < GOOD
 
@@ -302,7 +307,7 @@ def test_a_drive_in_millimetres_has_no_broken_step_but_its_restart() -> None:
     times = np.arange(0.0, 30.0, 0.1)
     ahead = np.cumsum(np.where((times > 8.0) & (times < 20.0), 0.08, 0.012))  # a slow drive with a quick part
     poses = 1000.0 * np.stack([ahead, 0.0 * times, 0.0 * times], axis=1)
-    track = Track(times, poses, np.zeros((300, 2)), np.zeros(300, np.bool_))
+    track = OrderedOdometry(times, poses, np.zeros((300, 2)), np.zeros(300, np.bool_))
     assert repaired(track) == (track, ())
     poses[150:, 0] -= poses[150, 0]
     _, (found,) = repaired(replace(track, poses=poses))
@@ -313,7 +318,7 @@ def test_a_restart_near_zero_is_named_with_its_distance() -> None:
     times = np.arange(0.0, 10.0, 0.1)
     poses = np.stack([0.5 * times, 0.0 * times, 0.0 * times], axis=1)
     poses[50:, 0] -= poses[50, 0]
-    track = Track(times, poses, np.full((100, 2), (0.5, 0.0)), np.zeros(100, np.bool_))
+    track = OrderedOdometry(times, poses, np.full((100, 2), (0.5, 0.0)), np.zeros(100, np.bool_))
     mended, (found,) = repaired(track)
     assert found.kind is BreakKind.RESTART
     assert found.metres == pytest.approx(2.5, abs=0.06)
@@ -325,14 +330,14 @@ def test_jitter_of_stamps_is_no_broken_step() -> None:
     rng = np.random.default_rng(3)
     times = np.sort(np.arange(0.0, 20.0, 0.2) + rng.choice([0.0, 0.19], 100))
     poses = np.stack([0.8 * np.arange(0.0, 20.0, 0.2), np.zeros(100), np.zeros(100)], axis=1)
-    track = Track(times, poses, np.zeros((100, 2)), np.zeros(100, np.bool_))
+    track = OrderedOdometry(times, poses, np.zeros((100, 2)), np.zeros(100, np.bool_))
     assert repaired(track) == (track, ())
 
 
 def test_a_drive_on_the_spot_tells_about_turns_only() -> None:
     spin = ((0.0, math.pi), (0.0, math.pi), (0.0, -math.pi))
     recording, _ = recorded(lambda sound: sound.rolled(turn=2.0), legs=spin)
-    assert (Part.WHEEL_TURN, State.CORRECTED, Cause.SCALE) in looks(checked(recording).findings)
+    assert (AidPart.WHEEL_TURN, AidState.CORRECTED, Cause.SCALE) in looks(checked(recording).findings)
 
 
 def test_the_live_mapper_takes_a_jump_for_no_motion() -> None:

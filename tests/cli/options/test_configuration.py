@@ -31,7 +31,7 @@ from waychair.ros.stack import Stack, node_parameters, processes
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.simulator import SimulationSettings, SimulatorSettings, with_all_sensors
 from waychair.trials.barn import JACKAL, BarnTask, navigator_settings
-from waychair.trials.live_chair import LiveChair
+from waychair.trials.live.live_chair import LiveChair
 
 COMMANDS = {
     "map": ("map", "drive.clf", "--out", "out"),
@@ -179,13 +179,13 @@ simulation: {sensors: {lidar: {beams: 360}}}
 
 def test_the_file_reaches_the_demo_and_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, SLOW + "map: {vision: 'off'}\n")
-    found = arguments_of("waychair.trials.demo.run_demo", monkeypatch, *COMMANDS["demo"], "--config", path)
+    found = arguments_of("waychair.trials.demo.demo.run_demo", monkeypatch, *COMMANDS["demo"], "--config", path)
     assert found["mapping_settings"] == MappingSettings(vision="off")
     assert found["chair_settings"].limiter.max_speed == 0.35
     monkeypatch.setattr(
         "waychair.runtime.processes.signalled", lambda *signals: lambda: False
     )  # this process keeps its own
-    found = arguments_of("waychair.trials.live_chair.LiveChair", monkeypatch, "page", "--config", path)
+    found = arguments_of("waychair.trials.live.live_chair.LiveChair", monkeypatch, "page", "--config", path)
     assert found["settings"].limiter.max_speed == 0.35
 
 

@@ -13,7 +13,7 @@ from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, sonar_mounts
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.commands import FreeKind, signal_words
 from waychair.control.behaviours.default import SECTORS, default_network
-from waychair.control.behaviours.doorway import Doorway, OdometryPose
+from waychair.control.behaviours.doorway import DoorwayJambs, OdometryPose
 from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.view.door_cells import DoorSeen, DoorsSeen
 from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
@@ -352,7 +352,7 @@ def test_a_pose_that_jumps_ends_the_memory() -> None:
 
 
 def seen(x: float, width: float, number: int = 0, clear: float | None = None, is_open: bool = True) -> DoorSeen:
-    door = Doorway(x, width / 2, x, -width / 2)
+    door = DoorwayJambs(x, width / 2, x, -width / 2)
     return DoorSeen(number, door, width - 0.02 if clear is None else clear, is_open)
 
 

@@ -23,16 +23,16 @@ from waychair.control.behaviours.commands import (
     signal_words,
 )
 from waychair.control.behaviours.doorway import (
+    CandidateVerdict,
     DoorCheck,
-    DoorState,
-    Doorway,
+    DoorwayJambs,
     FrameCandidate,
     FramesSeen,
     OdometryPose,
     PathMemory,
-    Phase,
     TrackedDoor,
     TrackerMemory,
+    ZonePhase,
     detect_doorway,
     plan_path,
     track_door,
@@ -99,24 +99,24 @@ def test_a_candidate_with_depth_behind_its_jambs_is_a_doorway() -> None:
 
 
 def test_a_picture_of_a_door_on_a_wall_is_refuted_and_one_without_ranges_is_looked_at() -> None:
-    assert validate_door(CANDIDATE, depth_of_wall(0.0), DoorLimits()).state is DoorState.REFUTED
-    assert validate_door(CANDIDATE, None, DoorLimits()).state is DoorState.LOOKING
+    assert validate_door(CANDIDATE, depth_of_wall(0.0), DoorLimits()).state is CandidateVerdict.REFUTED
+    assert validate_door(CANDIDATE, None, DoorLimits()).state is CandidateVerdict.LOOKING
     one_side = Depth(np.array([0.1, 0.2, 0.3]), np.array([2.0, 2.0, 2.0]))
     check = validate_door(CANDIDATE, one_side, DoorLimits())
-    assert check == DoorCheck(DoorState.LOOKING, request=LookRequest(0.0))
+    assert check == DoorCheck(CandidateVerdict.LOOKING, request=LookRequest(0.0))
 
 
-def door_at(x: float, y: float, through: float, width: float = 0.9) -> Doorway:
+def door_at(x: float, y: float, through: float, width: float = 0.9) -> DoorwayJambs:
     aside = through + math.pi / 2
     dx, dy = width / 2 * math.cos(aside), width / 2 * math.sin(aside)
-    return Doorway(x + dx, y + dy, x - dx, y - dy)
+    return DoorwayJambs(x + dx, y + dy, x - dx, y - dy)
 
 
 TRACKING = DoorLimits(), CameraLimits()
 
 
 def test_a_door_is_held_in_place_while_the_chair_moves_and_forgotten_when_it_is_old() -> None:
-    check = DoorCheck(DoorState.VALID, door_at(3.0, 0.0, 0.0))
+    check = DoorCheck(CandidateVerdict.VALID, door_at(3.0, 0.0, 0.0))
     tracked, memory = track_door(check, OdometryPose(1.0, 0.0, 0.0), TRACKING, TrackerMemory(), 0)
     assert tracked is not None
     moved, memory = track_door(None, OdometryPose(2.0, 0.0, math.pi / 2), TRACKING, memory, S)
@@ -130,18 +130,20 @@ def test_a_door_is_held_in_place_while_the_chair_moves_and_forgotten_when_it_is_
 
 def test_a_door_is_forgotten_after_three_refutations_in_a_row_and_without_odometry() -> None:
     at = OdometryPose(0.0, 0.0, 0.0)
-    _, memory = track_door(DoorCheck(DoorState.VALID, door_at(3.0, 0.0, 0.0)), at, TRACKING, TrackerMemory(), 0)
-    refuted = DoorCheck(DoorState.REFUTED)
+    _, memory = track_door(DoorCheck(CandidateVerdict.VALID, door_at(3.0, 0.0, 0.0)), at, TRACKING, TrackerMemory(), 0)
+    refuted = DoorCheck(CandidateVerdict.REFUTED)
     held = []
     for _ in range(3):
         tracked, memory = track_door(refuted, at, TRACKING, memory, 1)
         held.append(tracked is not None)
     assert held == [True, True, False]
-    _, memory = track_door(DoorCheck(DoorState.VALID, door_at(3.0, 0.0, 0.0)), None, TRACKING, TrackerMemory(), 0)
+    _, memory = track_door(
+        DoorCheck(CandidateVerdict.VALID, door_at(3.0, 0.0, 0.0)), None, TRACKING, TrackerMemory(), 0
+    )
     assert track_door(None, None, TRACKING, memory, 1)[0] is None
 
 
-def command(door: Doorway, phase: Phase = Phase.APPROACH) -> tuple[str, Phase]:
+def command(door: DoorwayJambs, phase: ZonePhase = ZonePhase.APPROACH) -> tuple[str, ZonePhase]:
     tracked = TrackedDoor(door, 0.0, LookRequest(0.0))
     found, memory = plan_path(tracked, (DoorLimits(), CHAIR_A), PathMemory(phase))
     return move_words(found.move, found.orientation), memory.phase
@@ -149,24 +151,24 @@ def command(door: Doorway, phase: Phase = Phase.APPROACH) -> tuple[str, Phase]:
 
 def test_the_path_goes_to_the_pivotal_zone_swivels_and_goes_forward_through_the_door() -> None:
     back = 0.75 + CHAIR_A.front
-    assert command(door_at(2.0 + back, 2.0, 0.0)) == ("go front-left", Phase.APPROACH)
-    assert command(door_at(0.0, -back, -math.pi / 2)) == ("swivel clockwise", Phase.SWIVEL)
-    assert command(door_at(0.0, back, math.pi / 2)) == ("swivel counter-clockwise", Phase.SWIVEL)
-    assert command(door_at(back, 0.0, 0.0), Phase.SWIVEL) == ("go forward", Phase.FORWARD)
-    assert command(door_at(0.3, 0.0, math.radians(10)), Phase.FORWARD) == ("go forward", Phase.FORWARD)
-    assert command(door_at(-0.5, 0.0, 0.0), Phase.FORWARD) == ("through the door", Phase.APPROACH)
+    assert command(door_at(2.0 + back, 2.0, 0.0)) == ("go front-left", ZonePhase.APPROACH)
+    assert command(door_at(0.0, -back, -math.pi / 2)) == ("swivel clockwise", ZonePhase.SWIVEL)
+    assert command(door_at(0.0, back, math.pi / 2)) == ("swivel counter-clockwise", ZonePhase.SWIVEL)
+    assert command(door_at(back, 0.0, 0.0), ZonePhase.SWIVEL) == ("go forward", ZonePhase.FORWARD)
+    assert command(door_at(0.3, 0.0, math.radians(10)), ZonePhase.FORWARD) == ("go forward", ZonePhase.FORWARD)
+    assert command(door_at(-0.5, 0.0, 0.0), ZonePhase.FORWARD) == ("through the door", ZonePhase.APPROACH)
 
 
 def test_a_chair_that_has_turned_away_swivels_again() -> None:
     back = 0.75 + CHAIR_A.front
     turned = math.radians(30.0)
     door = door_at(back * math.cos(turned), back * math.sin(turned), turned)
-    assert command(door, Phase.FORWARD) == ("swivel counter-clockwise", Phase.SWIVEL)
+    assert command(door, ZonePhase.FORWARD) == ("swivel counter-clockwise", ZonePhase.SWIVEL)
 
 
 # Sensor command manager --------------------------------------------------------------------------------------------
 
-CHECK = DoorCheck(DoorState.LOOKING, request=LookRequest(0.2))
+CHECK = DoorCheck(CandidateVerdict.LOOKING, request=LookRequest(0.2))
 TRACKED = TrackedDoor(door_at(2.0, 0.0, 0.0), 0.0, LookRequest(0.1))
 WAY = WayFound(NULL, LookRequest(-1.0))
 

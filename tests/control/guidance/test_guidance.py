@@ -7,8 +7,8 @@ import math
 import pytest
 
 from tests.control.guidance.walks import kinds, spoken, walk
-from waychair.control.guidance.guidance import Trouble, begun
-from waychair.control.guidance.practice import BEFORE, Decision, Practice, practised
+from waychair.control.guidance.guidance import GuidanceTrouble, begun
+from waychair.control.guidance.practice import BEFORE, Practice, RiderDecision, practised
 from waychair.control.guidance.telling import Cue
 from waychair.planning.movements import MovementKind
 from waychair.types import Pose2
@@ -22,7 +22,9 @@ def test_a_rider_is_told_one_movement_at_a_time_to_the_door_and_the_bed() -> Non
     assert kinds(told) == ["straight", "left", "door", "straight", "arrived"]
     assert told[0].movement is not None
     assert told[0].movement.landmark == "to the next door on the left"
-    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED] * 2  # the corner and the bed
+    assert [each.decided.decision for each in told if each.decided] == [
+        RiderDecision.FOLLOWED
+    ] * 2  # the corner and the bed
     assert told[-1].arrived
 
 
@@ -64,7 +66,7 @@ def test_another_way_is_recognised_half_a_metre_beyond_and_planned_from_in_the_s
     ride.drive((10.0, 0.0))
     told = ride.drive((11.5, 0.0))
     decided = [(k, each) for k, each in enumerate(told) if each.decided is not None]
-    assert [each.decided.decision for _, each in decided if each.decided] == [Decision.OTHER]
+    assert [each.decided.decision for _, each in decided if each.decided] == [RiderDecision.OTHER]
     k, each = decided[0]
     beyond_s = k * 0.05 - 0.5 / 0.8
     assert 0.0 <= beyond_s <= 0.6
@@ -76,7 +78,7 @@ def test_another_way_is_recognised_half_a_metre_beyond_and_planned_from_in_the_s
 def test_guidance_names_the_way_that_was_taken_not_the_one_proposed() -> None:
     ride = walk("Ground/Ward/Bed g", Pose2(5.0, 0.0, 0.0))
     told = ride.drive((15.0, 0.0), (15.0, 3.0))
-    assert [each.decided.decision for each in told if each.decided] == [Decision.OTHER, Decision.OTHER]
+    assert [each.decided.decision for each in told if each.decided] == [RiderDecision.OTHER, RiderDecision.OTHER]
     ride.drive((15.0, 0.0), (10.0, 0.0))
     assert ride.drive(WARD)[-1].arrived
 
@@ -86,21 +88,23 @@ def test_a_rider_who_goes_on_where_going_on_becomes_cheaper_is_no_longer_sent_ba
     assert ride.look().movement.kind is MovementKind.TURN_ROUND  # type: ignore[union-attr]
     told = ride.drive((10.0, 0.0), (15.0, 0.0), STORE)
     assert told[-1].arrived
-    assert all(each.decided is None or each.decided.decision is Decision.FOLLOWED for each in told)
+    assert all(each.decided is None or each.decided.decision is RiderDecision.FOLLOWED for each in told)
 
 
 def test_turning_back_is_noticed_and_planned_from() -> None:
     ride = walk("Ground/Ward/Bed g", Pose2(5.0, 0.0, 0.0))
     ride.drive((8.5, 0.0))
     told = ride.drive((7.0, 0.0))
-    assert [each.decided.decision for each in told if each.decided] == [Decision.TURNED_BACK]
+    assert [each.decided.decision for each in told if each.decided] == [RiderDecision.TURNED_BACK]
     assert kinds(told)[-1] == "turn round"
 
 
 def test_an_overshoot_before_the_corner_is_no_other_way() -> None:
     ride = walk("Ground/Ward/Bed g", Pose2(5.0, 0.0, 0.0))
     told = ride.drive((10.4, 0.0), WARD)
-    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED] * 2  # the corner and the bed
+    assert [each.decided.decision for each in told if each.decided] == [
+        RiderDecision.FOLLOWED
+    ] * 2  # the corner and the bed
 
 
 def test_no_sentence_is_repeated_within_four_seconds_while_nothing_changes() -> None:
@@ -121,7 +125,7 @@ def test_a_rider_who_rests_is_told_again_after_four_seconds_and_the_hesitation_i
     told = ride.rest(14.0)
     assert spoken(told) == ["again straight", "again straight"]  # after 4 s, and 8 s later
     made = [each.decided for each in told if each.decided]
-    assert [each.decision for each in made] == [Decision.HESITATED]
+    assert [each.decision for each in made] == [RiderDecision.HESITATED]
 
 
 def test_prompts_fade_with_right_decisions_and_come_back_after_an_error() -> None:
@@ -160,7 +164,7 @@ def test_prompts_fade_at_goals_and_lifts_too_and_another_storey_brings_them_back
     ride.look()
     ride.storey = "1"  # another button was pressed
     told = [ride.look()]
-    assert [each.decided.decision for each in told if each.decided] == [Decision.OTHER]
+    assert [each.decided.decision for each in told if each.decided] == [RiderDecision.OTHER]
     assert spoken(told) == ["now press"]
     assert ride.state.practice["Lift A"].level == 1
 
@@ -193,18 +197,18 @@ def test_a_lost_pose_silences_guidance_and_nothing_is_decided_by_it() -> None:
     ride.drive((9.0, 0.0))
     before = ride.state
     guiding = ride.look(localised=False)
-    assert guiding.trouble is Trouble.NO_POSE
+    assert guiding.trouble is GuidanceTrouble.NO_POSE
     assert guiding.movement is None
     assert guiding.cue is None
     assert ride.state == before
     ride.pose = Pose2(math.nan, 0.0, 0.0)
-    assert ride.look().trouble is Trouble.NO_POSE
+    assert ride.look().trouble is GuidanceTrouble.NO_POSE
 
 
 def test_no_way_and_no_graph_are_sentences_and_end_when_their_cause_does() -> None:
     ride = walk("Ground/Ward/Bed g", Pose2(5.0, 0.0, 0.0))
     ride.storey = "cellar"
-    assert ride.look().trouble is Trouble.NO_GRAPH
+    assert ride.look().trouble is GuidanceTrouble.NO_GRAPH
     ride.storey = "g"
     assert ride.look().movement is not None
 

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guidance import Guidance, GuideInputs, GuideState, Nudge
-from waychair.control.haptics.guide import Guide
+from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, Nudge
+from waychair.control.haptics.guide import GuideConstants
 from waychair.control.haptics.guide_numbers import GAP_S
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
@@ -65,13 +65,17 @@ class Drive:
     """A whole guided drive: the words by time, and the end."""
 
     said: list[tuple[float, Symbol]]
-    last: Guidance
+    last: GuideWord
     driver: PlainDriver
     seconds: float
 
 
 def driven(plan: StepPlan, driver: PlainDriver, seconds: float = 120.0, known: RiderModel | None = None) -> Drive:
-    guide, state, said = Guide(CHAIR_A, known or driver.rider, DURATIONS), GuideState(), list[tuple[float, Symbol]]()
+    guide, state, said = (
+        GuideConstants(CHAIR_A, known or driver.rider, DURATIONS),
+        GuideState(),
+        list[tuple[float, Symbol]](),
+    )
     tick, guidance = 0, None
     while guidance is None or not (guidance.arrived or guidance.astray or tick * TICK_S > seconds):
         tick += 1
@@ -118,7 +122,7 @@ def test_patterns_keep_their_gap() -> None:
 
 
 def test_a_nudge_that_is_on_its_way_is_counted_before_another_is_said() -> None:
-    guide, now_ns = Guide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
     off = GuideInputs(now_ns, Pose2(1.0, 0.0, math.radians(3.0)), Twist(0.3, 0.0))
     said = GuideState(step=0, said=Symbol.NUDGE_RIGHT, said_ns=now_ns - 700_000_000)
     again, _ = guide.step(corner(), said, off)
@@ -157,7 +161,7 @@ def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
 
 def test_the_guide_falls_silent_before_a_driver_who_does_not_follow_and_offers_to_repeat() -> None:
     plan, driver = corner(), PlainDriver(Pose2(), RiderModel(), deaf=True)
-    guide, state, said, offered = Guide(CHAIR_A, RiderModel(), DURATIONS), GuideState(), list[float](), False
+    guide, state, said, offered = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), GuideState(), list[float](), False
     for tick in range(1, 400):
         guidance, state = guide.step(plan, state, GuideInputs(tick * 50_000_000, driver.pose, Twist()))
         offered = offered or guidance.offers_repeat
@@ -168,7 +172,7 @@ def test_the_guide_falls_silent_before_a_driver_who_does_not_follow_and_offers_t
 
 
 def test_a_driver_far_beside_the_leg_gets_new_steps() -> None:
-    guide = Guide(CHAIR_A, RiderModel(), DURATIONS)
+    guide = GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
     guidance, _ = guide.step(corner(), GuideState(), GuideInputs(50_000_000, Pose2(1.0, 0.8, 0.0), Twist(0.3, 0.0)))
     assert guidance.astray
     assert guidance.advice is None

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from waychair.control.haptics.limits import broken_limits, every_pattern, told_apart
-from waychair.control.haptics.patterns import PATTERNS_FILE, Vocabulary, vocabulary
+from waychair.control.haptics.patterns import PATTERNS_FILE, TouchVocabulary, vocabulary
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.control.haptics.words import Wording, advice_words
 from waychair.errors import GloveError, PatternError
@@ -18,7 +18,7 @@ from waychair.firmware_bridge.glove.messages import OFF_MAX_MS, ON_MAX_MS
 NAMES = list(layouts())
 
 
-def changed(folder: Path, line: str, old: str, new: str) -> Vocabulary:
+def changed(folder: Path, line: str, old: str, new: str) -> TouchVocabulary:
     """The glove's patterns, with a change in the line that begins so."""
     text = PATTERNS_FILE.read_text()
     found = re.search(rf"^  {line}.*(?:\n    .*)*$", text, re.MULTILINE)

@@ -15,12 +15,12 @@ from waychair.control.journey.journey import (
     MOST_TRIES,
     QUIET_S,
     RIDES_WITHIN_S,
-    Drive,
+    DriveProgress,
     Journey,
+    JourneyOrder,
+    JourneyPhase,
     JourneyView,
     Leg,
-    Order,
-    Phase,
     begun,
     cancel,
     go_on,
@@ -47,11 +47,11 @@ def view(**changes: object) -> JourneyView:
     return replace(JourneyView(100 * S, "g"), **changes)
 
 
-def at(phase: Phase, **changes: object) -> Journey:
+def at(phase: JourneyPhase, **changes: object) -> Journey:
     return replace(replace(begun(LEGS, 0), phase=phase, since_ns=99 * S), **changes)
 
 
-def after(phase: Phase, seen: JourneyView, **changes: object) -> tuple[Journey, Order]:
+def after(phase: JourneyPhase, seen: JourneyView, **changes: object) -> tuple[Journey, JourneyOrder]:
     return step(at(phase, **changes), seen)
 
 
@@ -61,17 +61,17 @@ def test_a_journey_takes_all_its_steps_in_order() -> None:
         {"storey": "1", "in_cabin": True, "clear_of_lift": False},
     )
     seen = [
-        view(drive=Drive.ARRIVED, door=CLOSED),
+        view(drive=DriveProgress.ARRIVED, door=CLOSED),
         view(door=OPEN),
         view(door=OPEN),
-        view(drive=Drive.ARRIVED, door=OPEN, **inside),
+        view(drive=DriveProgress.ARRIVED, door=OPEN, **inside),
         view(door=CLOSED, **inside),
         view(door=OPEN, chances=SURE, **inside),
         view(door=OPEN, chances=SURE, **inside),
         view(door=OPEN, chances=SURE, **above),
         view(door=OPEN, localised=True, **above),
-        view(storey="1", drive=Drive.UNDER_WAY, door=OPEN),
-        view(storey="1", drive=Drive.ARRIVED),
+        view(storey="1", drive=DriveProgress.UNDER_WAY, door=OPEN),
+        view(storey="1", drive=DriveProgress.ARRIVED),
     ]
     journey, phases, switched = begun(LEGS, 0), [], set()
     for each in seen:
@@ -95,111 +95,128 @@ def test_a_journey_takes_all_its_steps_in_order() -> None:
     assert switched == {None, "1"}
 
 
-@pytest.mark.parametrize("phase", [Phase.CALL, Phase.WAIT, Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE])
-def test_no_drive_is_ordered_while_the_chair_waits_or_the_storey_is_uncertain(phase: Phase) -> None:
+@pytest.mark.parametrize(
+    "phase",
+    [
+        JourneyPhase.CALL,
+        JourneyPhase.WAIT,
+        JourneyPhase.RIDE,
+        JourneyPhase.WHICH,
+        JourneyPhase.SWITCH,
+        JourneyPhase.RELOCALISE,
+    ],
+)
+def test_no_drive_is_ordered_while_the_chair_waits_or_the_storey_is_uncertain(phase: JourneyPhase) -> None:
     for seen in (OPEN, CLOSED, MOVING, DoorView()):
         for chances in ({}, {"g": 0.5, "1": 0.5}):
             journey, order = after(phase, view(door=seen, chances=chances, cabin_free=False, in_cabin=True))
-            assert order.goal is None or journey.phase not in (Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE)
+            assert order.goal is None or journey.phase not in (
+                JourneyPhase.RIDE,
+                JourneyPhase.WHICH,
+                JourneyPhase.SWITCH,
+                JourneyPhase.RELOCALISE,
+            )
 
 
 def test_nobody_enters_within_two_seconds_of_a_leafs_motion_or_a_full_cabin() -> None:
-    assert after(Phase.WAIT, view(door=door(Door.OPEN, QUIET_S - 0.1)))[0].phase is Phase.WAIT
-    assert after(Phase.WAIT, view(door=OPEN, cabin_free=False))[0].phase is Phase.WAIT
-    assert after(Phase.WAIT, view(door=OPEN, cabin_free=None))[0].phase is Phase.WAIT
-    assert after(Phase.WAIT, view(door=OPEN))[0].phase is Phase.ENTER
-    order = after(Phase.LEAVE, view(storey="1", door=door(Door.OPEN, 1.0), in_cabin=True), leg=1)[1]
+    assert after(JourneyPhase.WAIT, view(door=door(Door.OPEN, QUIET_S - 0.1)))[0].phase is JourneyPhase.WAIT
+    assert after(JourneyPhase.WAIT, view(door=OPEN, cabin_free=False))[0].phase is JourneyPhase.WAIT
+    assert after(JourneyPhase.WAIT, view(door=OPEN, cabin_free=None))[0].phase is JourneyPhase.WAIT
+    assert after(JourneyPhase.WAIT, view(door=OPEN))[0].phase is JourneyPhase.ENTER
+    order = after(JourneyPhase.LEAVE, view(storey="1", door=door(Door.OPEN, 1.0), in_cabin=True), leg=1)[1]
     assert order.goal is None
-    assert after(Phase.LEAVE, view(storey="1", door=OPEN, in_cabin=True), leg=1)[1].goal == BED
+    assert after(JourneyPhase.LEAVE, view(storey="1", door=OPEN, in_cabin=True), leg=1)[1].goal == BED
 
 
 def test_a_door_that_closes_stops_an_entry_from_outside_only() -> None:
-    outside, order = after(Phase.ENTER, view(drive=Drive.UNDER_WAY, door=MOVING))
-    assert (outside.phase, order.goal) == (Phase.WAIT, None)
-    between, order = after(Phase.ENTER, view(drive=Drive.UNDER_WAY, door=MOVING, clear_of_lift=False))
-    assert (between.phase, order.goal) == (Phase.ENTER, CABIN)
+    outside, order = after(JourneyPhase.ENTER, view(drive=DriveProgress.UNDER_WAY, door=MOVING))
+    assert (outside.phase, order.goal) == (JourneyPhase.WAIT, None)
+    between, order = after(JourneyPhase.ENTER, view(drive=DriveProgress.UNDER_WAY, door=MOVING, clear_of_lift=False))
+    assert (between.phase, order.goal) == (JourneyPhase.ENTER, CABIN)
 
 
 def test_a_chair_makes_way_for_somebody_whom_it_sees_only_in_the_door_and_calls_again() -> None:
-    between = {"door": OPEN, "drive": Drive.UNDER_WAY, "clear_of_lift": False}
+    between = {"door": OPEN, "drive": DriveProgress.UNDER_WAY, "clear_of_lift": False}
     crowded = view(cabin_free=False, **between)
-    journey, _ = after(Phase.ENTER, crowded, tries=1)
-    assert journey.phase is Phase.ENTER
+    journey, _ = after(JourneyPhase.ENTER, crowded, tries=1)
+    assert journey.phase is JourneyPhase.ENTER
     later = replace(crowded, now_ns=crowded.now_ns + round((MAKES_WAY_S + 0.1) * S))
-    assert step(journey, replace(later, at_rest=False))[0].phase is Phase.ENTER
+    assert step(journey, replace(later, at_rest=False))[0].phase is JourneyPhase.ENTER
     back, order = step(journey, later)
-    assert (back.phase, order.goal, order.hold) == (Phase.DRIVE, LOBBY, True)
+    assert (back.phase, order.goal, order.hold) == (JourneyPhase.DRIVE, LOBBY, True)
     assert order.key != step(journey, crowded)[1].key
-    there = replace(later, drive=Drive.ARRIVED, clear_of_lift=True)
+    there = replace(later, drive=DriveProgress.ARRIVED, clear_of_lift=True)
     calls, order = step(back, there)
-    assert (calls.phase, order.call) == (Phase.CALL, None)  # first the lift goes
+    assert (calls.phase, order.call) == (JourneyPhase.CALL, None)  # first the lift goes
     gone, order = step(calls, replace(there, door=CLOSED))
-    assert (gone.phase, order.call) == (Phase.CALL, "g")
+    assert (gone.phase, order.call) == (JourneyPhase.CALL, "g")
 
 
 def test_a_drive_into_the_lift_that_fails_is_tried_again_from_the_lobby_and_the_rider_is_asked_at_last() -> None:
-    failed = view(drive=Drive.FAILED, why="no way", door=OPEN, in_cabin=True, clear_of_lift=False)
-    assert after(Phase.ENTER, failed, tries=1)[0].phase is Phase.DRIVE
-    last, order = after(Phase.ENTER, failed, tries=MOST_TRIES)
-    assert (last.phase, order.sentence) == (Phase.HELD, "no way; press Go on to continue")
+    failed = view(drive=DriveProgress.FAILED, why="no way", door=OPEN, in_cabin=True, clear_of_lift=False)
+    assert after(JourneyPhase.ENTER, failed, tries=1)[0].phase is JourneyPhase.DRIVE
+    last, order = after(JourneyPhase.ENTER, failed, tries=MOST_TRIES)
+    assert (last.phase, order.sentence) == (JourneyPhase.HELD, "no way; press Go on to continue")
 
 
 def test_a_full_lift_is_let_go_and_called_again() -> None:
-    journey, _ = after(Phase.WAIT, view(door=OPEN, cabin_free=False), crowded_ns=100 * S - round(CROWDED_S * S) - S)
-    assert journey.phase is Phase.CALL
+    journey, _ = after(
+        JourneyPhase.WAIT, view(door=OPEN, cabin_free=False), crowded_ns=100 * S - round(CROWDED_S * S) - S
+    )
+    assert journey.phase is JourneyPhase.CALL
     journey, order = step(journey, view(door=OPEN))
-    assert (journey.phase, order.call, order.hold) == (Phase.CALL, None, False)
+    assert (journey.phase, order.call, order.hold) == (JourneyPhase.CALL, None, False)
     journey, order = step(journey, view(door=CLOSED))
     assert order.call == "g"
 
 
 def test_a_lift_that_never_comes_is_told_and_can_be_waited_for() -> None:
-    journey, order = after(Phase.CALL, view(now_ns=round((100 + COMES_WITHIN_S) * S), door=CLOSED))
-    assert journey.phase is Phase.HELD
+    journey, order = after(JourneyPhase.CALL, view(now_ns=round((100 + COMES_WITHIN_S) * S), door=CLOSED))
+    assert journey.phase is JourneyPhase.HELD
     assert "does not come" in order.sentence
-    assert go_on(journey, 400 * S).phase is Phase.DRIVE
+    assert go_on(journey, 400 * S).phase is JourneyPhase.DRIVE
 
 
 def test_a_lift_that_stops_elsewhere_is_sent_on() -> None:
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
-    journey, order = after(Phase.WHICH, view(door=OPEN, chances=elsewhere))
-    assert (journey.phase, order.call) == (Phase.RIDE, "1")
+    journey, order = after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere))
+    assert (journey.phase, order.call) == (JourneyPhase.RIDE, "1")
     assert order.sentence == "this is 2: press 1 again, and stay in the lift"
     assert not journey.closed  # its door must close and open again
-    assert after(Phase.WHICH, view(door=OPEN, chances=elsewhere), tries=3)[0].phase is Phase.HELD
+    assert after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere), tries=3)[0].phase is JourneyPhase.HELD
 
 
 def test_no_chair_leaves_a_lift_on_a_storey_without_a_map() -> None:
     here = view(door=OPEN, chances={"g": 0.0, "1": 0.001, "2": 0.999}, without_map=frozenset("2"))
-    journey, order = after(Phase.WHICH, here)
-    assert (journey.phase, order.goal, order.switch, order.call) == (Phase.RIDE, None, None, "1")
+    journey, order = after(JourneyPhase.WHICH, here)
+    assert (journey.phase, order.goal, order.switch, order.call) == (JourneyPhase.RIDE, None, None, "1")
     assert order.sentence == "this is 2, of which there is no map: press 1 again, and stay in the lift"
-    dropped, order = after(Phase.WHICH, here, cancelled=True)
-    assert (dropped.phase, order.goal, order.switch) == (Phase.HELD, None, None)
+    dropped, order = after(JourneyPhase.WHICH, here, cancelled=True)
+    assert (dropped.phase, order.goal, order.switch) == (JourneyPhase.HELD, None, None)
     assert order.sentence.startswith("this is 2, of which there is no map: ride to another storey, or drive out")
     rides = go_on(dropped, 101 * S)
-    assert step(rides, replace(here, now_ns=102 * S, chances=SURE))[0].phase is Phase.SWITCH
+    assert step(rides, replace(here, now_ns=102 * S, chances=SURE))[0].phase is JourneyPhase.SWITCH
 
 
 def test_uncertain_storeys_are_asked_for_with_the_door_held() -> None:
-    journey, order = after(Phase.WHICH, view(door=OPEN, chances={"g": 0.0, "1": 0.5, "2": 0.5}), since_ns=95 * S)
-    assert (journey.phase, order.ask, order.hold, order.switch) == (Phase.WHICH, ("g", "1", "2"), True, None)
+    journey, order = after(JourneyPhase.WHICH, view(door=OPEN, chances={"g": 0.0, "1": 0.5, "2": 0.5}), since_ns=95 * S)
+    assert (journey.phase, order.ask, order.hold, order.switch) == (JourneyPhase.WHICH, ("g", "1", "2"), True, None)
 
 
 def test_the_map_changes_only_at_rest() -> None:
-    assert after(Phase.SWITCH, view(at_rest=False), to="1")[1].switch is None
-    assert after(Phase.SWITCH, view(), to="1")[1].switch == "1"
+    assert after(JourneyPhase.SWITCH, view(at_rest=False), to="1")[1].switch is None
+    assert after(JourneyPhase.SWITCH, view(), to="1")[1].switch == "1"
 
 
 def test_a_map_that_does_not_fit_is_asked_about() -> None:
     late = view(now_ns=round((100 + LOCALISES_WITHIN_S) * S), storey="1", door=OPEN, chances=SURE)
-    journey, order = after(Phase.RELOCALISE, late, to="1")
-    assert (journey.phase, journey.resume, order.ask) == (Phase.HELD, Phase.WHICH, tuple(SURE))
+    journey, order = after(JourneyPhase.RELOCALISE, late, to="1")
+    assert (journey.phase, journey.resume, order.ask) == (JourneyPhase.HELD, JourneyPhase.WHICH, tuple(SURE))
     assert order.goal is None
 
 
 def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None:
-    assert after(Phase.RELOCALISE, view(storey="1", door=CLOSED), to="1")[0].phase is Phase.RIDE
+    assert after(JourneyPhase.RELOCALISE, view(storey="1", door=CLOSED), to="1")[0].phase is JourneyPhase.RIDE
 
 
 @pytest.mark.parametrize("away", [{"door": CLOSED}, {"door": OPEN, "riding": True}])
@@ -207,72 +224,78 @@ def test_a_car_that_is_called_away_while_the_chair_waits_to_leave_makes_the_stor
     away: dict[str, object],
 ) -> None:
     inside = {"storey": "1", "in_cabin": True, "clear_of_lift": False}
-    rides, order = after(Phase.LEAVE, view(**inside, **away), leg=1)
-    assert (rides.phase, rides.here.lift, order.goal, order.call) == (Phase.RIDE, "A", None, "1")
+    rides, order = after(JourneyPhase.LEAVE, view(**inside, **away), leg=1)
+    assert (rides.phase, rides.here.lift, order.goal, order.call) == (JourneyPhase.RIDE, "A", None, "1")
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
     at_another, order = step(rides, view(door=OPEN, **inside))
-    assert at_another.phase is Phase.WHICH
+    assert at_another.phase is JourneyPhase.WHICH
     sent_on, order = step(at_another, view(door=OPEN, chances=elsewhere, **inside))
-    assert (sent_on.phase, order.goal, order.call) == (Phase.RIDE, None, "1")
+    assert (sent_on.phase, order.goal, order.call) == (JourneyPhase.RIDE, None, "1")
 
-    held = at(Phase.HELD, resume=Phase.LEAVE, leg=1, why="Stop was pressed")
+    held = at(JourneyPhase.HELD, resume=JourneyPhase.LEAVE, leg=1, why="Stop was pressed")
     held, order = step(held, view(**inside, **away))
-    assert (held.phase, order.goal) == (Phase.HELD, None)
+    assert (held.phase, order.goal) == (JourneyPhase.HELD, None)
     again = go_on(held, 200 * S)
-    assert (again.phase, again.here.lift) == (Phase.WHICH, "A")  # not out of the door of any storey
+    assert (again.phase, again.here.lift) == (JourneyPhase.WHICH, "A")  # not out of the door of any storey
 
 
 def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() -> None:
     inside = {"in_cabin": True, "clear_of_lift": False}
-    rides, order = after(Phase.RIDE, view(door=CLOSED, **inside), since_ns=0, closed=True)
-    assert (rides.phase, order.goal) == (Phase.RIDE, None)
+    rides, order = after(JourneyPhase.RIDE, view(door=CLOSED, **inside), since_ns=0, closed=True)
+    assert (rides.phase, order.goal) == (JourneyPhase.RIDE, None)
     late = view(now_ns=round((RIDES_WITHIN_S + 1.0) * S), door=CLOSED, **inside)
     held, order = step(replace(rides, since_ns=0), late)
-    assert (held.phase, held.resume, order.goal) == (Phase.HELD, Phase.RIDE, None)
+    assert (held.phase, held.resume, order.goal) == (JourneyPhase.HELD, JourneyPhase.RIDE, None)
     assert "the lift has not gone to 1: press its button, then go on" in order.sentence
 
 
 def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -> None:
-    between = {"storey": "1", "drive": Drive.UNDER_WAY, "door": MOVING, "clear_of_lift": False}
-    goes_on, order = after(Phase.LEAVE, view(**between), leg=1)
-    assert (goes_on.phase, order.goal) == (Phase.LEAVE, BED)
-    waits, _ = after(Phase.LEAVE, view(in_cabin=True, **between), leg=1)
+    between = {"storey": "1", "drive": DriveProgress.UNDER_WAY, "door": MOVING, "clear_of_lift": False}
+    goes_on, order = after(JourneyPhase.LEAVE, view(**between), leg=1)
+    assert (goes_on.phase, order.goal) == (JourneyPhase.LEAVE, BED)
+    waits, _ = after(JourneyPhase.LEAVE, view(in_cabin=True, **between), leg=1)
     assert (waits.phase, waits.drives) == (
-        Phase.LEAVE,
+        JourneyPhase.LEAVE,
         goes_on.drives + 1,
     )  # this drive ends, with the chair in the cabin
     assert (
-        step(waits, view(**{**between, "drive": Drive.NONE, "in_cabin": True}))[1].goal is None
+        step(waits, view(**{**between, "drive": DriveProgress.NONE, "in_cabin": True}))[1].goal is None
     )  # until the door rests
 
 
-@pytest.mark.parametrize("phase", [phase for phase in Phase if phase not in (Phase.ARRIVED, Phase.FAILED, Phase.HELD)])
-def test_joystick_stop_and_faults_hold_a_journey_until_the_rider_goes_on(phase: Phase) -> None:
-    for seen in (view(taken_over=True, why="Stop was pressed"), view(drive=Drive.ENDED, why="the lidar is silent")):
+@pytest.mark.parametrize(
+    "phase",
+    [phase for phase in JourneyPhase if phase not in (JourneyPhase.ARRIVED, JourneyPhase.FAILED, JourneyPhase.HELD)],
+)
+def test_joystick_stop_and_faults_hold_a_journey_until_the_rider_goes_on(phase: JourneyPhase) -> None:
+    for seen in (
+        view(taken_over=True, why="Stop was pressed"),
+        view(drive=DriveProgress.ENDED, why="the lidar is silent"),
+    ):
         journey, order = after(phase, seen, to="1")
-        assert journey.phase is Phase.HELD
+        assert journey.phase is JourneyPhase.HELD
         assert (order.goal, order.call, order.hold, order.switch) == (None, None, False, None)
         assert seen.why in order.sentence
-        assert step(journey, view(door=OPEN))[0].phase is Phase.HELD
+        assert step(journey, view(door=OPEN))[0].phase is JourneyPhase.HELD
         again = go_on(journey, 200 * S)
         assert not again.ended
         assert again.drives == journey.drives + 1
 
 
-@pytest.mark.parametrize("phase", [Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE])
-def test_a_journey_cancelled_in_the_car_still_finds_out_the_storey(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [JourneyPhase.RIDE, JourneyPhase.WHICH, JourneyPhase.SWITCH, JourneyPhase.RELOCALISE])
+def test_a_journey_cancelled_in_the_car_still_finds_out_the_storey(phase: JourneyPhase) -> None:
     journey = cancel(at(phase, to="1"), 100 * S)
     assert not journey.ended
     for storey, seen in (("g", CLOSED), ("g", OPEN), ("g", OPEN), ("1", OPEN), ("1", OPEN)):
         journey, order = step(journey, view(storey=storey, door=seen, chances=SURE, localised=storey == "1"))
         assert order.goal is None
-    assert journey.phase is Phase.FAILED
+    assert journey.phase is JourneyPhase.FAILED
     assert "cancelled" in journey.why
 
 
 def test_a_journey_cancelled_elsewhere_ends() -> None:
-    assert cancel(at(Phase.WAIT), 0).phase is Phase.FAILED
-    assert cancel(at(Phase.ARRIVED), 0).phase is Phase.ARRIVED
+    assert cancel(at(JourneyPhase.WAIT), 0).phase is JourneyPhase.FAILED
+    assert cancel(at(JourneyPhase.ARRIVED), 0).phase is JourneyPhase.ARRIVED
 
 
 SITE = LiftSite("A", "g", Pose2(9.0, 3.5, math.pi), 1.8, 1.8, 1.0, 1.1, Pose2(6.5, 3.5, 0.0))

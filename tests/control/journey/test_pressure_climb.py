@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from waychair.control.journey.pressure_climb import PressureClimb
-from waychair.control.journey.which_storey import Evidence, decided, probabilities
+from waychair.control.journey.which_storey import StopEvidence, decided, probabilities
 from waychair.simulation.sensors.barometer import Barometer
 from waychair.types import PressureSample
 
@@ -34,7 +34,7 @@ def test_a_simulated_barometer_alone_finds_the_storey_of_alike_ones() -> None:
     heights, right, wrong = {"0": 0.0, "1": 3.3, "2": 6.6, "3": 9.9}, 0, 0
     for seed in range(60):
         true = ("1", "2", "3")[seed % 3]
-        known = Evidence(heights, began="0", asked="2", pressure=ridden(seed, heights[true]))
+        known = StopEvidence(heights, began="0", asked="2", pressure=ridden(seed, heights[true]))
         found = decided(probabilities(known))
         right, wrong = right + (found == true), wrong + (found not in (None, true))
     assert right >= 57  # the rider is asked for the others

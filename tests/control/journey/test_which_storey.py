@@ -7,7 +7,7 @@ import pytest
 
 from waychair.control.journey.ride_motion import RideMotion
 from waychair.control.journey.which_storey import (
-    Evidence,
+    StopEvidence,
     climb_from_pressure,
     decided,
     probabilities,
@@ -19,8 +19,8 @@ from waychair.types import ImuSample, OccupancyGrid, Pose2
 STOPS = {"0": 0.0, "1": 3.3, "2": 6.6, "3": 9.9}
 
 
-def evidence(**changes: object) -> Evidence:
-    return Evidence(STOPS, began="0", asked="2", **changes)  # type: ignore[arg-type]
+def evidence(**changes: object) -> StopEvidence:
+    return StopEvidence(STOPS, began="0", asked="2", **changes)  # type: ignore[arg-type]
 
 
 def test_a_wish_alone_never_decides() -> None:

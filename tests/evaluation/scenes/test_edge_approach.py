@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from evaluation.scenes.edge_approach import approach_edge
 from evaluation.scenes.hazards import DROP_OFFS
+from evaluation.scenes.maps.edge_approach import approach_edge
 
 from waychair.simulation.sensors.renderer import renderer_problem
 

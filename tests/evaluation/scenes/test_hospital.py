@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from evaluation.scenes.hospital import Hospital, Size, hospital
-from evaluation.scenes.hospital_text import hgraph_of
+from evaluation.scenes.buildings.hospital import Hospital, Size, hospital
+from evaluation.scenes.buildings.hospital_text import hgraph_of
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.lifelong import MOVED, PIECES, Lifelong, Session, drive_sessions
+from evaluation.scenes.maps.lifelong import MOVED, PIECES, Lifelong, LifelongSession, drive_sessions
 
 from waychair.geometry import transform_points
 from waychair.maps.folders.map_files import load_map
@@ -16,12 +16,12 @@ from waychair.types import Pose2
 
 
 @pytest.fixture(scope="module")
-def days() -> list[Session]:
+def days() -> list[LifelongSession]:
     return list(drive_sessions("small_clinic", 3, seed=3, share=0.4))
 
 
 @pytest.mark.nightly
-def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same_ones(days: list[Session]) -> None:
+def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same_ones(days: list[LifelongSession]) -> None:
     for before, after in pairwise(days):
         assert len(after.pieces) == PIECES
         assert len(set(before.pieces) - set(after.pieces)) == MOVED
@@ -32,7 +32,7 @@ def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same_ones(
 
 @pytest.mark.nightly
 def test_after_three_days_the_map_is_small_and_right_without_the_moved_pieces(
-    days: list[Session], tmp_path: Path
+    days: list[LifelongSession], tmp_path: Path
 ) -> None:
     life = Lifelong(tmp_path / "map")
     for day in days:
@@ -46,7 +46,7 @@ def test_after_three_days_the_map_is_small_and_right_without_the_moved_pieces(
     assert standing(life, days[-1]) >= 0.5
 
 
-def standing(life: Lifelong, day: Session) -> float:
+def standing(life: Lifelong, day: LifelongSession) -> float:
     """Return the share of the present pieces that the map shows."""
     grid, origin = load_map(life.folder), Pose2(*life.sessions[0].truth.poses[0].tolist())
     shown = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from evaluation.scenes.map_score import wall_agreement
+from evaluation.scenes.maps.map_score import wall_agreement
 
 from waychair.types import OccupancyGrid, Pose2
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from evaluation.scenes.mask_score import score_mask
+from evaluation.scenes.maps.mask_score import score_mask
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.calibration.fits.self_mask import learn_self_mask

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.revisits import map_drive, record_drive, score
+from evaluation.scenes.maps.revisits import map_drive, record_drive, score
 
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem

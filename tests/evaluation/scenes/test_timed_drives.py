@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from evaluation.figures.driving.drive_time import _summary
 from evaluation.scenes.tight_places import map_of
-from evaluation.scenes.timed_drives import Ground, TimedDrive, drives, random_poses
+from evaluation.scenes.timed_drives import MappedWorld, TimedDrive, drives, random_poses
 from evaluation.scenes.way_manners import WayManners
 
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
@@ -31,12 +31,12 @@ def _room() -> World:
     return world_from_plan(FloorPlan("room", (6.4, 4.4), (1.2, 2.2, 0.0), walls=walls, resolution=0.01), "room")
 
 
-def _ground() -> Ground:
+def _ground() -> MappedWorld:
     """Return the room with a map whose frame is shifted and turned by a quarter, as maps begin where the chair stood."""
     world = _room()
     grid, map_from_world = map_of(world, 0.05), Pose2(2.0, -1.0, math.pi / 2)
     moved = OccupancyGrid(grid.cells, grid.resolution, map_from_world @ grid.map_from_grid)
-    return Ground("room", world, moved, map_from_world)
+    return MappedWorld("room", world, moved, map_from_world)
 
 
 @pytest.mark.nightly

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from waychair.maps.building.hgraph import (
     Arc,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -14,6 +13,7 @@ from waychair.maps.building.hgraph import (
     Stop,
     Storey,
     SubMap,
+    SubmapFrame,
     Way,
 )
 
@@ -25,7 +25,7 @@ def two_storeys() -> HGraph:
         corridor = [Node(f"c{i}", NodeKind.CROSS, 5.0 * i, 0.0) for i in (1, 2, 3)]
         lobby = Node("v", NodeKind.LIFT, 3.0, 0.0)
         arcs = (Arc("v", "c1"), Arc("c1", "c2"), Arc("c2", "c3"))
-        doorways = (Doorway("c2", "ward", "d", Way(width=0.9)), Doorway("c3", "store", "d", Way(width=0.8)))
+        doorways = (GraphDoorway("c2", "ward", "d", Way(width=0.9)), GraphDoorway("c3", "store", "d", Way(width=0.8)))
         submaps[storey] = SubMap(
             storey,
             "Ground" if storey == "g" else "First",
@@ -39,7 +39,7 @@ def two_storeys() -> HGraph:
             submaps[f"{storey}/{room}"] = SubMap(
                 f"{storey}/{room}",
                 room.title(),
-                Frame(x, 0.25),
+                SubmapFrame(x, 0.25),
                 nodes={node.id: node for node in nodes},
                 arcs=(Arc("d", "e"),),
             )

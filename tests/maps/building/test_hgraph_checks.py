@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from tests.maps.building.buildings import two_storeys
-from waychair.maps.building.graph_findings import Finding, Surroundings
+from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings
 from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
     Closure,
-    Doorway,
-    Frame,
+    GraphDoorway,
     HGraph,
     Lift,
     Node,
@@ -25,6 +24,7 @@ from waychair.maps.building.hgraph import (
     Stop,
     Storey,
     SubMap,
+    SubmapFrame,
     Way,
 )
 from waychair.maps.building.hgraph_checks import Checker, check
@@ -49,12 +49,12 @@ def with_arcs(submap: SubMap, *arcs: Arc, nodes: tuple[Node, ...] = ()) -> SubMa
     return replace(with_nodes(submap, nodes), arcs=(*submap.arcs, *arcs))
 
 
-def codes(found: tuple[Finding, ...]) -> list[str]:
+def codes(found: tuple[GraphFinding, ...]) -> list[str]:
     """Return the codes of findings, in order."""
     return [each.code for each in found]
 
 
-def only(hgraph: HGraph, code: str, around: Surroundings | None = None) -> Finding:
+def only(hgraph: HGraph, code: str, around: GraphSurroundings | None = None) -> GraphFinding:
     """Return the one finding of this code that the small building does not have by itself."""
     known = set(check(two_storeys()))
     found = check(hgraph) if around is None else check(hgraph, around)
@@ -96,7 +96,7 @@ def test_e5_a_length_that_does_not_fit_the_distance(length: float) -> None:
 def test_e5_an_arc_through_a_wall_that_the_planner_cannot_drive() -> None:
     cells = np.zeros((100, 200), np.int8)
     cells[:, 75] = 100
-    around = Surroundings(
+    around = GraphSurroundings(
         width=0.6, grids={"g": OccupancyGrid(cells, 0.1, Pose2(0.0, -5.0))}, driven=lambda storey, one, other: None
     )
     found = only(two_storeys(), "E5", around)
@@ -105,7 +105,7 @@ def test_e5_an_arc_through_a_wall_that_the_planner_cannot_drive() -> None:
 
 
 def test_e6_a_door_too_narrow_for_this_chair() -> None:
-    found = [each for each in check(two_storeys(), Surroundings(width=0.72)) if each.code == "E6"]
+    found = [each for each in check(two_storeys(), GraphSurroundings(width=0.72)) if each.code == "E6"]
     assert [each.place for each in found] == ["g:c3>store:d", "1:c3>store:d"]
     assert found[0].remedy == "take it out for this chair: one of at most 0.70 m fits"
 
@@ -113,16 +113,16 @@ def test_e6_a_door_too_narrow_for_this_chair() -> None:
 def test_e6_a_lift_door_too_narrow_for_this_chair() -> None:
     lift = replace(two_storeys().lifts["A"], door_width=0.75)
     wide = replace(lift, stops=(replace(lift.stops[0], door_width=0.9), lift.stops[1]))
-    found = [each for each in check(with_lift(two_storeys(), wide), Surroundings(width=0.7)) if each.code == "E6"]
+    found = [each for each in check(with_lift(two_storeys(), wide), GraphSurroundings(width=0.7)) if each.code == "E6"]
     assert [each.place for each in found] == ["1:v"]
     assert "the door of lift 'A' at storey '1' is 0.75 m wide, and this chair is 0.70 m" in found[0].sentence
 
 
 def test_e7_a_doorway_without_its_other_side_or_too_far_from_it() -> None:
-    hgraph = in_ground(lambda ground: replace(ground, doorways=(*ground.doorways, Doorway("c1", "bath", "d"))))
+    hgraph = in_ground(lambda ground: replace(ground, doorways=(*ground.doorways, GraphDoorway("c1", "bath", "d"))))
     assert only(hgraph, "E7").sentence == "the doorway g:c1>bath:d leads to g/bath:d, which is no node"
     ward = two_storeys().submaps["g/ward"]
-    moved = with_submap(two_storeys(), replace(ward, frame=Frame(10.0, 0.6)))
+    moved = with_submap(two_storeys(), replace(ward, frame=SubmapFrame(10.0, 0.6)))
     assert "0.60 m apart" in only(moved, "E7").sentence
     alone = with_submap(two_storeys(), with_arcs(ward, Arc("x", "e"), nodes=(node("x", 3.0, 3.0, NodeKind.BRIDGE),)))
     assert only(alone, "E7").sentence == "the doorway of g/ward:x has no other side"
@@ -140,8 +140,8 @@ def test_e8_faults_of_lifts() -> None:
     assert "lift 'A' has two stops on storey '1'" in sentences
     assert "lift 'A' stops at 1:c1, which is of kind 'cross'" in sentences
     small = with_lift(two_storeys(), replace(lift, cabin_width=0.9, cabin_depth=1.0))
-    assert "depth of 1.00 m, and the chair one of 1.10 m" in only(small, "E8", Surroundings(length=1.1)).sentence
-    aside = with_submap(two_storeys(), replace(two_storeys().submaps["1"], frame=Frame(0.5, 0.0)))
+    assert "depth of 1.00 m, and the chair one of 1.10 m" in only(small, "E8", GraphSurroundings(length=1.1)).sentence
+    aside = with_submap(two_storeys(), replace(two_storeys().submaps["1"], frame=SubmapFrame(0.5, 0.0)))
     assert "are 0.5 m out of line" in only(aside, "E8").sentence
     nowhere = with_lift(two_storeys(), Lift("B", stops=(Stop("g", NodeRef("g", "q")), lift.stops[1])))
     assert "lift 'B' stops at g:q, which is no node" in [each.sentence for each in check(nowhere)]
@@ -152,7 +152,7 @@ def test_e9_a_doorway_between_storeys_that_a_lift_joins_is_an_error_unless_it_is
         hgraph = with_submap(
             two_storeys(), SubMap("g/up", storey="1", nodes={"d": node("d", 5.0, 0.2, NodeKind.BRIDGE)})
         )
-        door = Doorway("c1", "up", "d", Way(ramp=is_ramp))
+        door = GraphDoorway("c1", "up", "d", Way(ramp=is_ramp))
         return with_submap(hgraph, replace(hgraph.submaps["g"], doorways=(*hgraph.submaps["g"].doorways, door)))
 
     assert only(ramp(is_ramp=False), "E9").sentence == "g:c1>up:d joins storeys that lift 'A' joins, too"
@@ -186,9 +186,11 @@ def test_e12_nodes_that_almost_touch_and_arcs_that_cross() -> None:
 
 def test_e12_nodes_and_arcs_of_two_sub_maps_that_touch_or_cross_without_a_doorway() -> None:
     shed = SubMap(
-        "g/shed", frame=Frame(15.0, 0.25), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE), "x": node("x", -5.1, 3.1)}
+        "g/shed",
+        frame=SubmapFrame(15.0, 0.25),
+        nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE), "x": node("x", -5.1, 3.1)},
     )
-    doors = (*two_storeys().submaps["g"].doorways, Doorway("c3", "shed", "d"))
+    doors = (*two_storeys().submaps["g"].doorways, GraphDoorway("c3", "shed", "d"))
     touching = with_submap(in_ground(lambda ground: replace(ground, doorways=doors)), with_arcs(shed, Arc("d", "x")))
     sentences = [each.sentence for each in check(touching) if each.code == "E12"]
     assert sentences == ["nodes g/ward:e and g/shed:x are 0.14 m apart and not joined"]  # the two doors of c3 meet
@@ -210,17 +212,17 @@ def test_e13_empty_names_and_names_that_differ_by_case_and_accents() -> None:
 def test_e14_a_goal_in_a_wall_and_one_without_place() -> None:
     cells = np.zeros((100, 200), np.int8)
     cells[82:, 90:110] = 100
-    around = Surroundings(grids={"g": OccupancyGrid(cells, 0.1, Pose2(0.0, -5.0))}, places={"g": {}})
+    around = GraphSurroundings(grids={"g": OccupancyGrid(cells, 0.1, Pose2(0.0, -5.0))}, places={"g": {}})
     sentences = [each.sentence for each in check(two_storeys(), around) if each.code == "E14"]
     assert "the goal 'Bed g' lies in a wall or off the map" in sentences
     assert "the goal 'Bed g' is no place of storey 'g'" in sentences
-    placed = Surroundings(places={"g": {"Bed g": Place("Bed g", Pose2())}})
+    placed = GraphSurroundings(places={"g": {"Bed g": Place("Bed g", Pose2())}})
     assert "E14" not in codes(check(two_storeys(), placed))
 
 
 def test_e14_a_goal_in_a_keep_out_zone_without_room_to_turn_and_a_place_that_is_no_goal() -> None:
     corners = np.array([(9.0, 2.0), (11.0, 2.0), (11.0, 4.0), (9.0, 4.0)])
-    around = Surroundings(
+    around = GraphSurroundings(
         grids={"g": OccupancyGrid(np.zeros((100, 200), np.int8), 0.1, Pose2(0.0, -5.0))},
         places={"g": {name: Place(name, Pose2()) for name in ("Bed g", "Desk")}},
         zones={"g": [Zone("stairs", Rule.KEEP_OUT, corners), Zone("ward", Rule.SLOW, corners, 0.3)]},
@@ -235,7 +237,7 @@ def test_e14_a_goal_in_a_keep_out_zone_without_room_to_turn_and_a_place_that_is_
 
 
 def test_e15_and_e16_stale_tables_and_maps_that_are_missing_or_moved() -> None:
-    around = Surroundings(stale_tables=True, missing=frozenset(["g"]), moved=frozenset(["1"]))
+    around = GraphSurroundings(stale_tables=True, missing=frozenset(["g"]), moved=frozenset(["1"]))
     found = [each for each in check(two_storeys(), around) if each.code in ("E15", "E16")]
     assert [each.sentence for each in found] == [
         "the map of storey 'g' is missing",
@@ -252,7 +254,7 @@ def test_e17_a_door_of_three_metres_and_a_storey_of_five_kilometres() -> None:
 
 def test_e17_a_door_of_nine_centimetres_and_rooms_five_kilometres_apart() -> None:
     assert only(with_way(two_storeys(), ArcRef("g", "c1", "c2"), width=0.09), "E17").place == "g:c1>c2"
-    ward = replace(two_storeys().submaps["g/ward"], frame=Frame(5000.0, 0.0))
+    ward = replace(two_storeys().submaps["g/ward"], frame=SubmapFrame(5000.0, 0.0))
     far = [each.sentence for each in check(with_submap(two_storeys(), ward)) if each.code == "E17"]
     assert far == ["storey 'g' is 5.0 km across"]
 
@@ -270,10 +272,10 @@ def test_w1_a_long_way_between_neighbouring_rooms() -> None:
     arcs = (Arc("c3", "p"), Arc("p", "q"), Arc("q", "r"), Arc("r", "s"))
     hgraph = in_ground(
         lambda ground: replace(
-            with_arcs(ground, *arcs, nodes=nodes), doorways=(*ground.doorways, Doorway("s", "bath", "d"))
+            with_arcs(ground, *arcs, nodes=nodes), doorways=(*ground.doorways, GraphDoorway("s", "bath", "d"))
         )
     )
-    bath = SubMap("g/bath", "Bath", Frame(12.0, 1.0), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
+    bath = SubMap("g/bath", "Bath", SubmapFrame(12.0, 1.0), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
     assert "W1" in codes(check(with_submap(hgraph, bath)))
     assert "W1" not in codes(check(two_storeys()))
 
@@ -281,13 +283,13 @@ def test_w1_a_long_way_between_neighbouring_rooms() -> None:
 def test_w1_a_short_way_through_another_sub_map_is_no_detour() -> None:
     # the corridors of two wings end wall to wall; a link between them is a sub-map of its own
     def wing(path: str, x: float) -> SubMap:
-        rooms = (Doorway("a", "room", "d"),)
+        rooms = (GraphDoorway("a", "room", "d"),)
         return SubMap(
             path, nodes={"a": node("a", x, 0.0), "b": node("b", x, 60.0)}, arcs=(Arc("a", "b"),), doorways=rooms
         )
 
     def room(path: str, x: float) -> SubMap:
-        return SubMap(path, frame=Frame(x, 0.2), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
+        return SubMap(path, frame=SubmapFrame(x, 0.2), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
 
     both = {"": SubMap(""), "g": SubMap("g", storey="g"), "g/w": wing("g/w", 0.0), "g/e": wing("g/e", 3.0)}
     both |= {"g/w/room": room("g/w/room", 0.0), "g/e/room": room("g/e/room", 3.0)}
@@ -296,7 +298,7 @@ def test_w1_a_short_way_through_another_sub_map_is_no_detour() -> None:
     assert found == ["from g/w/room:d to g/e/room:d, 3.0 m away, the way is more than 3 times as long"]
     link = SubMap(
         "g", storey="g", nodes={"x": node("x", 0.0, 0.1), "y": node("y", 3.0, 0.1)}, arcs=(Arc("x", "y"),),
-        doorways=(Doorway("x", "w", "a"), Doorway("y", "e", "a")),
+        doorways=(GraphDoorway("x", "w", "a"), GraphDoorway("y", "e", "a")),
     )  # fmt: skip
     assert "W1" not in codes(check(with_submap(apart, link)))
 
@@ -316,7 +318,7 @@ def test_a_check_after_an_edit_equals_a_new_one() -> None:
     checker.check(hgraph)
     edits = [
         lambda graph: with_submap(graph, with_nodes(graph.submaps["g/ward"], [node("x", 1.0, 1.0)])),
-        lambda graph: with_submap(graph, replace(graph.submaps["g"], frame=Frame(0.0, 2.0))),
+        lambda graph: with_submap(graph, replace(graph.submaps["g"], frame=SubmapFrame(0.0, 2.0))),
         lambda graph: with_lift(graph, replace(graph.lifts["A"], stops=())),
         lambda graph: with_submap(graph, replace(graph.submaps["1"], doorways=())),
     ]

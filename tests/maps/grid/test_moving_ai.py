@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.errors import MapError, MapNotFound
-from waychair.maps.grid.moving_ai import Query, check_queries, load_free_cells, load_queries
+from waychair.maps.grid.moving_ai import ScenarioQuery, check_queries, load_free_cells, load_queries
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.G@\nTWS\n"
 
@@ -49,13 +49,13 @@ def test_an_invalid_map_is_refused_with_its_line(tmp_path: Path, text: str, said
 def test_queries_have_row_column_and_optimal_cost(tmp_path: Path) -> None:
     path = written(tmp_path / "a.map.scen", "version 1\n0\ta b.map\t3\t2\t0\t1\t2\t0\t2.41421\n\n")
     queries = load_queries(path)
-    assert queries == [Query((1, 0), (0, 2), 2.41421, (2, 3))]
+    assert queries == [ScenarioQuery((1, 0), (0, 2), 2.41421, (2, 3))]
     check_queries(queries, np.ones((2, 3), bool))
     with pytest.raises(MapError, match="query 1 of the scenario is of a map of 3 columns and 2 rows"):
         check_queries(queries, np.ones((3, 2), bool))
     with pytest.raises(MapError, match="query 1 of the scenario: its goal in column 2, row 0 is occupied"):
         check_queries(queries, np.array([[True, True, False], [True, True, True]]))
-    outside = [*queries, Query((-1, 0), (0, 2), 2.0, (2, 3))]
+    outside = [*queries, ScenarioQuery((-1, 0), (0, 2), 2.0, (2, 3))]
     with pytest.raises(MapError, match="query 2 of the scenario: its start in column 0, row -1 lies outside"):
         check_queries(outside, np.ones((2, 3), bool))
 

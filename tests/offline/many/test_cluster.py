@@ -21,7 +21,7 @@ from waychair.errors import ClusterError
 from waychair.offline.many.bags import named_bags
 from waychair.offline.many.cluster import ClusterPool, SharedFolder, shared_path
 from waychair.offline.many.many_maps import map_many
-from waychair.offline.many.outcomes import State
+from waychair.offline.many.outcomes import OutcomeState
 
 
 def _free_port() -> int:
@@ -81,7 +81,7 @@ def test_workers_map_what_they_see_and_are_sent_what_they_do_not_see_and_a_kille
         # no worker sees the folders under these names: it is sent the recordings
         sent = map_many(bags[:3], tmp_path / "sent", OPTIONS, ClusterPool(address, [SharedFolder("/tmp", "/nowhere")]))
         assert {name: outcome.state for name, outcome in sent.outcomes.items()} == {
-            "one": State.DONE, "two": State.FAILED, "three": State.DONE,
+            "one": OutcomeState.DONE, "two": OutcomeState.FAILED, "three": OutcomeState.DONE,
         }  # fmt: skip
         assert json.loads((tmp_path / "sent" / "three" / "report.json").read_text()) == {"tries": 2}
         assert all(
@@ -99,7 +99,7 @@ def test_workers_map_what_they_see_and_are_sent_what_they_do_not_see_and_a_kille
                 (tmp_path / "go").touch()
 
         maps = map_many(bags, tmp_path / "out", OPTIONS, ClusterPool(address), told)
-        assert maps.outcomes["slow"].state is State.DONE
+        assert maps.outcomes["slow"].state is OutcomeState.DONE
         assert json.loads((tmp_path / "out" / "slow" / "report.json").read_text()) == {"tries": 2}
         (tmp_path / "go").unlink()
         (tmp_path / "began").unlink()

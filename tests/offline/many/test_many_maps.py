@@ -18,7 +18,7 @@ from waychair.errors import OutputError, RecordingError
 from waychair.offline.many.bag_runs import WORK
 from waychair.offline.many.bags import listed, named_bags
 from waychair.offline.many.many_maps import ManyMaps, MapOptions, map_many
-from waychair.offline.many.outcomes import RECORD, State
+from waychair.offline.many.outcomes import RECORD, OutcomeState
 from waychair.offline.many.pools import ProcessPool
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -46,8 +46,8 @@ def test_one_that_is_broken_or_gone_stops_none_of_the_others(tmp_path: Path) -> 
     paths = [*bags_of(tmp_path, one="fine", two="broken", three="fine"), tmp_path / "gone.bag"]
     maps = mapped(paths, tmp_path / "out")
     states = {name: (outcome.state, outcome.why) for name, outcome in maps.outcomes.items()}
-    assert states["one"] == states["three"] == (State.DONE, "")
-    assert states["two"] == (State.FAILED, "this recording is broken; record it again")
+    assert states["one"] == states["three"] == (OutcomeState.DONE, "")
+    assert states["two"] == (OutcomeState.FAILED, "this recording is broken; record it again")
     assert "there is no recording at" in states["gone"][1]
     assert maps.failed == 2
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"one", "three", WORK, "report.json", "index.html"}
@@ -72,17 +72,17 @@ def test_what_is_done_or_failed_is_kept_until_the_recording_or_the_options_chang
     paths[1].write_text("mended")
     mended = mapped(paths, tmp_path / "out", replace(OPTIONS, options=("--odom=none",))).outcomes
     assert mended["one"].kept
-    assert (mended["two"].state, mended["two"].kept) == (State.DONE, False)
+    assert (mended["two"].state, mended["two"].kept) == (OutcomeState.DONE, False)
 
 
 def test_a_killed_process_goes_on_once_from_its_checkpoint(tmp_path: Path) -> None:
     maps = mapped(bags_of(tmp_path, once="killed 1", ever="always killed"), tmp_path / "out")
-    assert maps.outcomes["once"].state is State.DONE
+    assert maps.outcomes["once"].state is OutcomeState.DONE
     assert json.loads((tmp_path / "out" / "once" / "report.json").read_text()) == {"tries": 2}
     ever = maps.outcomes["ever"]
-    assert (ever.state, ever.why[:36]) == (State.STOPPED, "its process was killed by signal 9, ")
+    assert (ever.state, ever.why[:36]) == (OutcomeState.STOPPED, "its process was killed by signal 9, ")
     (tmp_path / "ever.log").write_text("killed 9")  # not remembered as a failure, nor would the same text be
-    assert mapped([tmp_path / "ever.log"], tmp_path / "out").outcomes["ever"].state is State.DONE
+    assert mapped([tmp_path / "ever.log"], tmp_path / "out").outcomes["ever"].state is OutcomeState.DONE
 
 
 def test_after_kill_9_of_the_command_its_processes_end_and_the_same_command_goes_on(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_after_kill_9_of_the_command_its_processes_end_and_the_same_command_goes
     assert not (tmp_path / "out" / "slow").exists()  # half a map is never in its place
     (tmp_path / "go").touch()
     outcome = mapped([path], tmp_path / "out").outcomes["slow"]
-    assert (outcome.state, outcome.kept) == (State.DONE, False)
+    assert (outcome.state, outcome.kept) == (OutcomeState.DONE, False)
     assert json.loads((tmp_path / "out" / "slow" / "report.json").read_text()) == {"tries": 2}
 
 

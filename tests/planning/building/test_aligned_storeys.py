@@ -10,7 +10,7 @@ import pytest
 
 from tests.maps.building.buildings import two_storeys
 from waychair.maps.building.building import Building, load_building, save_building
-from waychair.maps.building.hgraph import Arc, Frame, HGraph, Lift, Node, NodeKind, NodeRef, Stop
+from waychair.maps.building.hgraph import Arc, HGraph, Lift, Node, NodeKind, NodeRef, Stop, SubmapFrame
 from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.drawn.places import load_places, save_places
@@ -18,7 +18,7 @@ from waychair.planning.building.generation.storey_generation import aligned_stor
 from waychair.planning.building.hierarchical import Method, RoutePlanner
 from waychair.types import Place, Pose2
 
-TURNED = Frame(4.0, -7.0, 2.0)
+TURNED = SubmapFrame(4.0, -7.0, 2.0)
 """The first floor's map in the building's frame."""
 
 
@@ -33,7 +33,7 @@ def mapped_apart(second_lift: bool) -> HGraph:
     for path in hgraph.children("1"):
         frame = hgraph.submaps[path].frame
         x, y = TURNED.inside(frame.x, frame.y)
-        hgraph = with_submap(hgraph, replace(hgraph.submaps[path], frame=Frame(x, y, frame.theta - TURNED.theta)))
+        hgraph = with_submap(hgraph, replace(hgraph.submaps[path], frame=SubmapFrame(x, y, frame.theta - TURNED.theta)))
     if not second_lift:
         return hgraph
     for storey in ("g", "1"):

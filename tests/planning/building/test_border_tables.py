@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.hospital import Hospital, Size, hospital
+from evaluation.scenes.buildings.hospital import Hospital, Size, hospital
 
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import NO_HEADING, GraphArrays, assembled

@@ -14,7 +14,7 @@ from waychair.calibration.chair_body import BODIES
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, add_storey, load_building, new_building
 from waychair.maps.building.hgraph import Arc, Closure, HGraph, Node, NodeKind, Origin, Storey, SubMap, full_name
-from waychair.maps.building.hgraph_checks import Severity, Surroundings, check
+from waychair.maps.building.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.building.hgraph_edits import with_nodes, with_submap, without_node, without_submap
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map
@@ -70,9 +70,9 @@ def test_a_generated_graph_has_no_faults(tmp_path: Path) -> None:
     building = mapped(tmp_path)
     hgraph = made(building).building.hgraph
     folder = building.folder / "maps" / "ground"
-    around = Surroundings(BODY.width, BODY.length, {"ground": load_map(folder)}, {"ground": load_places(folder)})
+    around = GraphSurroundings(BODY.width, BODY.length, {"ground": load_map(folder)}, {"ground": load_places(folder)})
 
-    assert [finding for finding in check(hgraph, around) if finding.severity is Severity.ERROR] == []
+    assert [finding for finding in check(hgraph, around) if finding.severity is FindingSeverity.ERROR] == []
 
 
 def test_every_place_is_an_end_node_where_it_stands_and_other_rooms_get_one(tmp_path: Path) -> None:

@@ -19,13 +19,13 @@ from waychair.planning.fleet.paper.docking import dock_nodes
 from waychair.planning.fleet.paper.goal_filters import distances_from
 from waychair.planning.fleet.paper.harmonic_rules import (
     HarmonicRule,
-    Level,
+    RulePriority,
     chair_stands_for_chair,
     chair_stands_for_people,
     check_rule_for_driving,
     right_hand_offset,
 )
-from waychair.planning.fleet.paper.network import Found, Network, SearchStops
+from waychair.planning.fleet.paper.network import FoundRoute, NodeNetwork, SearchStops
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts, commit, no_commitments, plan_route
 
 SPEED = 0.5
@@ -47,13 +47,13 @@ LOOP = graph_of(("a", "b", 10.0), ("b", "d", 10.0), ("a", "c", 12.0), ("c", "d",
 
 
 def route_by_network(
-    network: Network, chair: int, source: str, target: str, start_s: float = 0.0, priority: int = 0
-) -> Found:
+    network: NodeNetwork, chair: int, source: str, target: str, start_s: float = 0.0, priority: int = 0
+) -> FoundRoute:
     return network.search(chair, source, target, start_s=start_s, speed=SPEED, priority=priority)
 
 
 def test_the_first_chair_takes_the_shortest_way_and_all_its_nodes_commit() -> None:
-    network = Network(LOOP)
+    network = NodeNetwork(LOOP)
     found = route_by_network(network, 0, "a", "d", start_s=100.0)
     assert found == (("a", "b", "d"), ("ab", "bd"), (100.0, 120.0, 140.0))
     assert {name for name, node in network.nodes.items() if 0 in node.committed} == {"a", "b", "d"}
@@ -76,7 +76,7 @@ def test_the_first_chair_takes_the_shortest_way_and_all_its_nodes_commit() -> No
 def test_the_second_chair_goes_round_the_conflicts_that_its_reading_sees(
     conflicts: Conflicts, start_s: float, way: str
 ) -> None:
-    network = Network(LOOP, conflicts)
+    network = NodeNetwork(LOOP, conflicts)
     route_by_network(network, 0, "a", "d")
     assert "".join(route_by_network(network, 1, "d", "a", start_s=start_s).nodes) == way
 
@@ -84,7 +84,7 @@ def test_the_second_chair_goes_round_the_conflicts_that_its_reading_sees(
 def test_the_penalty_is_the_others_time_on_the_section_and_the_exact_one_the_time_until_it_is_free() -> None:
     corridor = graph_of(("a", "b", 10.0), ("b", "c", 10.0))
     for conflicts, wait in ((Conflicts.READ, 20.0), (Conflicts.EXACT, 15.0)):
-        network = Network(corridor, conflicts)
+        network = NodeNetwork(corridor, conflicts)
         route_by_network(network, 0, "a", "c")  # on bc from 20 to 40 s
         assert route_by_network(network, 1, "c", "b", start_s=25.0).arrivals_s[-1] == 25.0 + wait + 20.0
 
@@ -92,7 +92,7 @@ def test_the_penalty_is_the_others_time_on_the_section_and_the_exact_one_the_tim
 def test_a_lower_priority_costs_nothing_and_a_higher_one_its_time() -> None:
     corridor = graph_of(("a", "b", 10.0), ("b", "c", 10.0))
     for first, second, arrival in ((0, 1, 45.0), (1, 0, 65.0), (1, 1, 65.0)):
-        network = Network(corridor)
+        network = NodeNetwork(corridor)
         route_by_network(network, 0, "a", "c", priority=first)
         assert route_by_network(network, 1, "c", "b", start_s=25.0, priority=second).arrivals_s[-1] == arrival
 
@@ -101,7 +101,7 @@ def test_a_lower_priority_costs_nothing_and_a_higher_one_its_time() -> None:
 def test_by_equation_two_a_higher_chair_counts_alone_where_arrivals_are_close(
     slow_start_s: float, penalty: float
 ) -> None:
-    network = Network(graph_of(("a", "b", 10.0), ("b", "c", 10.0)))
+    network = NodeNetwork(graph_of(("a", "b", 10.0), ("b", "c", 10.0)))
     route_by_network(network, 0, "b", "c", start_s=22.0, priority=1)  # on bc for 20 s; a third is 6.7 s
     network.search(1, "b", "c", start_s=slow_start_s, speed=0.25)  # on bc for 40 s
     assert route_by_network(network, 2, "c", "b", start_s=25.0).arrivals_s[-1] == 25.0 + penalty + 20.0
@@ -114,7 +114,7 @@ def test_messages_and_kernel_give_the_same_labels(name: str, conflicts: Conflict
     arrays = indexed_traffic(graph)
     names = [node.name for node in graph.nodes]
     dice = np.random.default_rng(5)
-    network = Network(graph, conflicts, filtered=False)
+    network = NodeNetwork(graph, conflicts, filtered=False)
     commitments = no_commitments(6, len(names))
     commitments.priority[:] = dice.integers(0, 2, size=6)
     durations, closed = arrays.seconds(SPEED), np.zeros(len(graph.sections), dtype=np.int64)
@@ -142,7 +142,7 @@ def test_messages_and_kernel_give_the_same_labels(name: str, conflicts: Conflict
 @pytest.mark.parametrize("name", ["T", "9cube", "2d-grid"])
 def test_filters_save_messages_and_lose_no_shortest_route(name: str) -> None:
     graph = corridor_graph(load_corridors(name))
-    flood, filtered = Network(graph, Conflicts.NONE, filtered=False), Network(graph, Conflicts.NONE)
+    flood, filtered = NodeNetwork(graph, Conflicts.NONE, filtered=False), NodeNetwork(graph, Conflicts.NONE)
     names = [node.name for node in graph.nodes]
     dice = np.random.default_rng(1)
     for _ in range(20):
@@ -164,7 +164,7 @@ def test_a_bloom_filter_denies_no_member_and_few_strangers() -> None:
 
 
 def test_a_closed_section_is_searched_round_and_an_open_one_is_taken_again() -> None:
-    network = Network(LOOP)
+    network = NodeNetwork(LOOP)
     network.close("ab")
     assert route_by_network(network, 0, "a", "d").nodes == ("a", "c", "d")
     assert network.messages["Filter"] > 0
@@ -180,15 +180,15 @@ def test_a_closed_section_is_searched_round_and_an_open_one_is_taken_again() -> 
 def test_a_search_stops_after_its_hops_and_at_its_timer() -> None:
     corridor = graph_of(("a", "b", 5.0), ("b", "c", 5.0), ("c", "d", 5.0))
     for stops in (SearchStops(hops=2), SearchStops(timer_s=0.05)):
-        network = Network(corridor, stops=stops)
+        network = NodeNetwork(corridor, stops=stops)
         with pytest.raises(TrafficError, match="no way from a to d"):
             route_by_network(network, 0, "a", "d")
         assert not any(node.committed or node.searches for node in network.nodes.values())
-    assert route_by_network(Network(corridor, stops=SearchStops(hops=3)), 0, "a", "d").nodes[-1] == "d"
+    assert route_by_network(NodeNetwork(corridor, stops=SearchStops(hops=3)), 0, "a", "d").nodes[-1] == "d"
 
 
 def test_a_late_chair_is_announced_along_its_route_and_a_new_search_ends_the_old_promises() -> None:
-    network = Network(LOOP)
+    network = NodeNetwork(LOOP)
     route_by_network(network, 0, "a", "d")
     network.late(0, "b", 7.0)
     times = [network.nodes[name].committed[0].arrival_s for name in "abd"]
@@ -198,19 +198,19 @@ def test_a_late_chair_is_announced_along_its_route_and_a_new_search_ends_the_old
 
 
 def test_a_goal_at_the_start_is_a_route_of_no_sections() -> None:
-    assert route_by_network(Network(LOOP), 0, "a", "a", start_s=3.0) == (("a",), (), (3.0,))
+    assert route_by_network(NodeNetwork(LOOP), 0, "a", "a", start_s=3.0) == (("a",), (), (3.0,))
 
 
 def test_an_unknown_node_is_named() -> None:
     with pytest.raises(TrafficError, match="no node x"):
-        route_by_network(Network(LOOP), 0, "a", "x")
+        route_by_network(NodeNetwork(LOOP), 0, "a", "x")
 
 
 @pytest.mark.parametrize("preset", list(PaperPreset))
 def test_every_planner_of_the_paper_finds_a_way_that_hangs_together(preset: PaperPreset) -> None:
     graph = corridor_graph(load_corridors("4cross"))
     names = [node.name for node in graph.nodes]
-    network, dice = Network(graph, reading_of(preset)), random.Random(2)
+    network, dice = NodeNetwork(graph, reading_of(preset)), random.Random(2)
     for chair in range(4):
         source, target = dice.sample(names, 2)
         found = preset_route(preset, network, chair, source, target, start_s=0.0, speed=0.33, dice=dice)
@@ -231,10 +231,10 @@ def test_equal_chairs_have_half_the_chance_each_and_a_higher_one_goes_first() ->
 
 
 def test_the_three_rules_say_who_stands_for_whom() -> None:
-    assert chair_stands_for_people(HarmonicRule.HUMANS, Level.TOP)
-    assert not chair_stands_for_people(HarmonicRule.CHAIRS, Level.ROUTINE)
-    assert [chair_stands_for_people(HarmonicRule.FLEXIBLE, level) for level in Level] == [True, False, False]
-    assert [chair_stands_for_chair(Level.ROUTINE, other) for other in Level] == [None, True, True]
+    assert chair_stands_for_people(HarmonicRule.HUMANS, RulePriority.TOP)
+    assert not chair_stands_for_people(HarmonicRule.CHAIRS, RulePriority.ROUTINE)
+    assert [chair_stands_for_people(HarmonicRule.FLEXIBLE, level) for level in RulePriority] == [True, False, False]
+    assert [chair_stands_for_chair(RulePriority.ROUTINE, other) for other in RulePriority] == [None, True, True]
     check_rule_for_driving(HarmonicRule.HUMANS)
     with pytest.raises(TrafficError, match="simulations only"):
         check_rule_for_driving(HarmonicRule.CHAIRS)

@@ -12,7 +12,7 @@ from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.order import Chain, Order, Request, Turn, asked, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import IDLE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
-from waychair.planning.fleet.warden import Answer, District, Heard, Lease, Report, decided
+from waychair.planning.fleet.warden import ChairReport, Heard, Lease, RequestWord, WardenState, decided
 from waychair.planning.fleet.ways import ways_of
 
 
@@ -110,17 +110,17 @@ def test_fairness_is_one_among_equals_and_a_share_where_one_has_all() -> None:
     assert jain([0.0, 0.0]) == 1.0
 
 
-def district(places: dict[int, str]) -> District:
-    return District(parked(ways_of(TEE, 1.0), places), CLEARING_MS)
+def district(places: dict[int, str]) -> WardenState:
+    return WardenState(parked(ways_of(TEE, 1.0), places), CLEARING_MS)
 
 
 def test_a_warden_grants_follows_and_renews_and_refuses_an_unknown_chair_in_one_sentence() -> None:
     state, replies, _ = decided(district({1: "P"}), Heard(requests=(Request(1, 1, "Q", 0),)), 0)
     (grant,) = replies
-    assert (grant.answer, grant.chair) == (Answer.GRANTED, 1)
+    assert (grant.answer, grant.chair) == (RequestWord.GRANTED, 1)
     assert state.order.ways.names[grant.spots[-1]] == "Q"
-    state, replies, _ = decided(state, Heard((Report(1, 2, 1, 500), Report(8, 0))), 1000)
-    assert {reply.chair: reply.answer for reply in replies} == {8: Answer.REJECTED, 1: Answer.GRANTED}
+    state, replies, _ = decided(state, Heard((ChairReport(1, 2, 1, 500), ChairReport(8, 0))), 1000)
+    assert {reply.chair: reply.answer for reply in replies} == {8: RequestWord.REJECTED, 1: RequestWord.GRANTED}
     assert replies[-1].spots == grant.spots[2:]
     assert replies[-1].serial == state.serial
     assert "chair 8 is not in this building" in replies[0].sentence
@@ -128,25 +128,25 @@ def test_a_warden_grants_follows_and_renews_and_refuses_an_unknown_chair_in_one_
 
 def test_a_chair_that_falls_silent_keeps_its_spot_only_and_others_find_another_way() -> None:
     ring = traffic("ring", ["P-a", "a-b", "b-Q", "b-c", "c-a", "c-R"])
-    state = District(parked(ways_of(ring, 1.0), {1: "P", 2: "R"}), CLEARING_MS)
+    state = WardenState(parked(ways_of(ring, 1.0), {1: "P", 2: "R"}), CLEARING_MS)
     state, _, _ = decided(state, Heard(requests=(Request(1, 1, "Q", 0),)), 0)
-    state, _, _ = decided(state, Heard((Report(1, 3, 0, 3000),)), 1000)
+    state, _, _ = decided(state, Heard((ChairReport(1, 3, 0, 3000),)), 1000)
     where = state.order.ways.names[state.order.chains[1].spots[0]]
     assert where == "a-b"
-    state, replies, _ = decided(state, Heard((Report(2, 0),), (Request(2, 2, "P", 5000),)), 5000)
+    state, replies, _ = decided(state, Heard((ChairReport(2, 0),), (Request(2, 2, "P", 5000),)), 5000)
     answers = {reply.chair: reply for reply in replies}
-    assert answers[1].answer is Answer.REVOKED
-    assert answers[2].answer is Answer.GRANTED
+    assert answers[1].answer is RequestWord.REVOKED
+    assert answers[2].answer is RequestWord.GRANTED
     assert where not in [state.order.ways.names[spot] for spot in answers[2].spots]
 
 
 def test_a_blocked_section_is_shared_by_all_until_its_time_is_over() -> None:
     ring = traffic("ring", ["P-a", "a-b", "b-Q", "b-c", "c-a"])
-    state = District(parked(ways_of(ring, 1.0), {1: "P"}), CLEARING_MS)
+    state = WardenState(parked(ways_of(ring, 1.0), {1: "P"}), CLEARING_MS)
     state, replies, _ = decided(state, Heard((), (Request(1, 1, "Q", 0),), {"a-b": 60_000}), 0)
     assert "c-a" in [state.order.ways.names[spot] for spot in replies[0].spots]
     assert state.order.closed
-    state, _, _ = decided(state, Heard((Report(1, 0),)), 60_001)
+    state, _, _ = decided(state, Heard((ChairReport(1, 0),)), 60_001)
     assert not state.order.closed
 
 
@@ -160,9 +160,9 @@ def test_a_lease_lapses_for_spots_not_entered_and_when_the_clock_goes_backwards(
 def test_a_doubled_report_changes_nothing_and_one_out_of_turn_is_refused() -> None:
     state, _, _ = decided(district({1: "P", 2: "R"}), Heard(requests=(Request(1, 1, "Q", 0), Request(2, 2, "S", 0))), 0)
     waiting = next(chair for chair in (1, 2) if len(state.order.chains[chair].spots) > 1)
-    once, _, _ = decided(state, Heard((Report(waiting, 1, 1, 900),)), 500)
-    twice, _, _ = decided(once, Heard((Report(waiting, 1, 1, 900),)), 500)
+    once, _, _ = decided(state, Heard((ChairReport(waiting, 1, 1, 900),)), 500)
+    twice, _, _ = decided(once, Heard((ChairReport(waiting, 1, 1, 900),)), 500)
     assert once.order.chains == twice.order.chains
-    _, replies, _ = decided(state, Heard((Report(waiting, 99),)), 500)
-    assert replies[0].answer is Answer.REJECTED
+    _, replies, _ = decided(state, Heard((ChairReport(waiting, 99),)), 500)
+    assert replies[0].answer is RequestWord.REJECTED
     assert "entered out of turn" in replies[0].sentence

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.planning.seen.doorway_gaps import Gap, JambSight
-from waychair.planning.seen.doorways import NO_EVIDENCE, SPARE, DoorState, Doorway, Evidence, judge, weighted_median
+from waychair.planning.seen.doorways import NO_EVIDENCE, SPARE, DoorState, Doorway, GapEvidence, judge, weighted_median
 from waychair.types import Pose2
 
 AT = Pose2(3.0, 1.0, 0.5)
@@ -23,7 +23,7 @@ def _evidence(
     step: float = 0.4,
     left_doubt: float = 0.01,
     flanks: tuple[int, int, int, int] = (0, 0, 0, 0),
-) -> Evidence:
+) -> GapEvidence:
     evidence = NO_EVIDENCE
     for k in range(6):
         seat = (-2.5 + step * k, 0.3)

@@ -29,7 +29,7 @@ from waychair.planning.seen.person_tracks import (
     predicted,
 )
 from waychair.simulation.people.people import SimulatedPeople
-from waychair.simulation.scene.scene import Behaviour, PersonPlan, Slice
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan, Slice
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.rays import scenery_from_slice
 from waychair.simulation.sensors.silhouettes import legs
@@ -144,7 +144,7 @@ def test_simulated_people_are_found_in_simulated_scans() -> None:
     """Three people walk to and fro in an empty hall with a standing chair: two swinging legs each."""
     grid = OccupancyGrid(np.zeros((240, 240), np.int8), 0.05)
     ways = [[[3.0, 4.0], [9.0, 4.0]], [[9.0, 6.0], [3.0, 6.5]], [[5.0, 9.0], [7.0, 9.0]]]
-    plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
+    plans = [PersonPlan(PersonBehaviour.PATH, np.array(way), 1.0) for way in ways]
     pose = Pose2(2.0, 6.0)
     people = SimulatedPeople(plans, grid, CHAIR_A, np.random.default_rng(4))
     lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, faults=False), CHAIR_A, np.random.default_rng(5))

@@ -20,12 +20,12 @@ from waychair.maps.building.hgraph_edits import closed
 from waychair.maps.building.hgraph_files import read_hgraph, write_hgraph
 from waychair.maps.building.indexed import indexed
 from waychair.maps.folders.map_files import save_map
-from waychair.runtime.habits import Habits, default_path
+from waychair.runtime.rider.habits import Habits, default_path
 from waychair.types import OccupancyGrid, Pose2
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
-    from waychair.ros.nodes.parts.building_routes import DriveNow
+    from waychair.ros.nodes.navigator_parts.building_routes import DriveNow
 
 SUCCEEDED, ABORTED = 4, 6
 
@@ -43,8 +43,8 @@ class Site:
 
         from waychair.ros import topics
         from waychair.ros.interface_types import interface_type
+        from waychair.ros.nodes.navigator_parts.building_routes import BuildingRoutes, DriveNow
         from waychair.ros.nodes.node import ChairNode
-        from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
 
         self.now: DriveNow = DriveNow(drives=False, arrived=False, pose=Pose2(3.5, 0.5))
         self.drive: Iterator[DriveNow] = iter(())
@@ -112,7 +112,7 @@ def test_routes_are_computed_by_ids_by_poses_and_from_where_the_chair_is(site: S
 def test_a_drive_that_arrives_is_learnt_after_the_riders_yes_only(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from waychair.ros.nodes.parts.building_routes import DriveNow
+    from waychair.ros.nodes.navigator_parts.building_routes import DriveNow
 
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     poses = [Pose2(x, 0.0) for x in np.linspace(3.0, 10.0, 30).tolist()]

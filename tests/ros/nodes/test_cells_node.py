@@ -17,7 +17,7 @@ from waychair.ros import topics
 from waychair.ros.messages.cells import doorways, perception, read_perception, signal
 from waychair.ros.messages.servos import ServoPairing, pan_tilt_angles, picture_messages, read_pan_tilt_command
 from waychair.ros.stack import Stack, processes
-from waychair.runtime.perception_view import AimView, PerceptionView, SectorsView
+from waychair.runtime.pages.perception_view import AimView, PerceptionView, SectorsView
 from waychair.types import PanTiltAngles, Picture, Pose2, Scan, Twist
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def test_the_node_tells_signal_state_and_the_camera_s_orders_and_a_page_shows_th
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
     from waychair.ros.nodes.cells_node import CellsNode
+    from waychair.ros.nodes.page_parts.page_port import PagePort
     from waychair.ros.nodes.parts.known_chair import known_chair
-    from waychair.ros.nodes.parts.page_port import PagePort
 
     heard = {each: ros.heard(each) for each in (topics.SIGNAL, topics.PERCEPTION, topics.PAN_TILT_COMMAND)}
     with ros.serving(CellsNode(["--ros-args", "-p", "perceive:=true", "-p", "camera:=false"])) as node:

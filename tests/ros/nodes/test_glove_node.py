@@ -27,8 +27,8 @@ from waychair.ros.messages.haptics import advice, haptic_state, read_advice, rea
 from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.stack import Stack, processes
-from waychair.runtime.guard_view import GuardView
 from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import HelpLevel, Pose2, Twist
 

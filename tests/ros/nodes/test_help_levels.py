@@ -12,8 +12,8 @@ import pytest
 from waychair.control.safety.guard import SPOKEN
 from waychair.ros import topics
 from waychair.ros.messages.guard import read_guard
-from waychair.runtime.guard_view import GuardView
-from waychair.runtime.rider_guard import NOTHING_HELD
+from waychair.runtime.rider.guard_view import GuardView
+from waychair.runtime.rider.rider_guard import NOTHING_HELD
 from waychair.types import HelpLevel
 
 if TYPE_CHECKING:

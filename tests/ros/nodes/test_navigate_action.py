@@ -103,7 +103,7 @@ def test_a_new_goal_ends_the_one_before(client: Client) -> None:
 
 
 def test_every_failure_of_planning_has_a_code_of_nav2(ros: Harness) -> None:
-    from waychair.ros.nodes.parts.navigate_action import error_code
+    from waychair.ros.nodes.navigator_parts.navigate_action import error_code
 
     codes = [error_code(kind("")) for kind in (StartOccupied, GoalOccupied, NoPath, ConfigError)]
     assert codes == [205, 206, 208, 0]

@@ -20,7 +20,11 @@ if importlib.util.find_spec("rclpy") is None:
 
 from waychair.ros import topics
 from waychair.ros.messages.motion import read_path
-from waychair.ros.nodes.parts.navigation_display import NavigationDisplay, grid_from_costmap, grid_from_distances
+from waychair.ros.nodes.navigator_parts.navigation_display import (
+    NavigationDisplay,
+    grid_from_costmap,
+    grid_from_distances,
+)
 
 _AT = Pose2(1.0, -2.0, 0.3)
 

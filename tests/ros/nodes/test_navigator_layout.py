@@ -14,7 +14,7 @@ from tests.runtime.haptics.guided_rider import room
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import MapError
 from waychair.maps.folders.depth_layer import SEEN_BY_DEPTH, save_depth_layer
-from waychair.ros.nodes.parts.map_layout import Layout
+from waychair.ros.nodes.parts.map_layout import MapLayout
 from waychair.runtime.pilot import PilotSettings
 from waychair.trials.simulated_stops import simulated_calibration
 from waychair.types import OccupancyGrid
@@ -33,17 +33,17 @@ def _with_table(folder: Path) -> OccupancyGrid:
 
 
 def test_a_table_top_of_the_map_is_watched_by_the_guard(tmp_path: Path) -> None:
-    layout = Layout({}, (), tmp_path)
+    layout = MapLayout({}, (), tmp_path)
     things = layout.pilot_on(_with_table(tmp_path), CALIBRATION, PilotSettings()).unscanned.things
     assert things[:, 0].min() > 2.9
     assert things[:, 0].max() < 3.6
     assert len(things) == 100
-    bare = Layout({}, ()).pilot_on(room(), CALIBRATION, PilotSettings())
+    bare = MapLayout({}, ()).pilot_on(room(), CALIBRATION, PilotSettings())
     assert len(bare.unscanned.things) == 0
 
 
 def test_a_damaged_depth_layer_is_an_error_and_the_layout_keeps_its_last_map(tmp_path: Path) -> None:
-    layout = Layout({}, (), tmp_path)
+    layout = MapLayout({}, (), tmp_path)
     grid = _with_table(tmp_path)
     (tmp_path / "depth.yaml").write_text("image: nothing.pgm\n")
     with pytest.raises(MapError):

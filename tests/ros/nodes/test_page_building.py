@@ -29,7 +29,7 @@ from waychair.ros.messages.floor import (
     storey_goal,
 )
 from waychair.ros.messages.guidance import read_guidance
-from waychair.runtime.chair_port import Answer, ChairView
+from waychair.runtime.pages.chair_port import ChairView, PortAnswer
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, OccupancyGrid, Place, Pose2, Twist
 
@@ -50,7 +50,7 @@ class Page:
 
     def __init__(self, ros: Harness, folder: Path) -> None:
         from waychair.ros.nodes.node import ChairNode
-        from waychair.ros.nodes.parts.page_building import PageBuilding
+        from waychair.ros.nodes.page_parts.page_building import PageBuilding
 
         self.ros, self.folder = ros, folder
         self.node: Any = ChairNode("page_building", NoSettings)
@@ -95,11 +95,11 @@ def test_a_journey_is_asked_for_by_its_path_and_a_refusal_is_the_answer(page: Pa
     asked = page.ros.heard(topics.STOREY_GOAL)
     page.ros.spin_until(lambda: page.node.count_subscribers(topics.STOREY_GOAL.name) > 0, "the subscription")
 
-    def travel(phase: str, said: str) -> Answer:
+    def travel(phase: str, said: str) -> PortAnswer:
         page.port._ask_for = lambda message, send=page.port._ask_for: (send(message), page.tell(phase, said))
         return page.port._travel("First/Ward/Bed 1")
 
-    assert travel("asked", "press Drive to go to First/Ward/Bed 1") == Answer(
+    assert travel("asked", "press Drive to go to First/Ward/Bed 1") == PortAnswer(
         True, "press Drive to go to First/Ward/Bed 1"
     )
     page.ros.spin_until(lambda: asked, "the goal")

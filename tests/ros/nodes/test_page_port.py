@@ -18,9 +18,9 @@ from waychair.maps.folders.map_files import save_map
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros.messages.floor import Floor
 from waychair.ros.messages.reports import DiagnosticLevel, Report
+from waychair.ros.nodes.page_parts.page_port import PagePort
 from waychair.ros.nodes.parts.map_in_use import MapInUse
-from waychair.ros.nodes.parts.page_port import PagePort
-from waychair.runtime.chair_port import Answer, LayoutView
+from waychair.runtime.pages.chair_port import LayoutView, PortAnswer
 from waychair.types import OccupancyGrid, Place, Pose2
 
 
@@ -74,7 +74,7 @@ def test_a_new_map_is_only_noted_by_the_node_and_read_by_the_thread_that_asks_fo
     PagePort._take_floor(port, Floor(0, str(folders[2]), 3))
     assert PagePort.layout(port).places == {}
     answer = PagePort._drawn(port, lambda editor: None, "drawn")
-    assert answer == Answer(False, f"the drawing of {folders[2]} is broken: mend its files first")
+    assert answer == PortAnswer(False, f"the drawing of {folders[2]} is broken: mend its files first")
     assert len(told) == 1
     making = MapInUse(None, told.append)
     assert making.layout() is None

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from waychair.runtime.black_box.box_events import BlackBoxEvent, Gravity
 from waychair.runtime.black_box.box_file import LogHeader
-from waychair.runtime.black_box.box_store import BoxLimits, Part, PartStore, Segment, parts_of
+from waychair.runtime.black_box.box_store import BoxLimits, LogPart, PartStore, Segment, parts_of
 
 HEAD = LogHeader("0123456789abcdef", 0, "0.1", "", {}, "", {})
 SECOND_NS = 1_000_000_000
 
 
-def opened(parts: PartStore, name: str, gravity: Gravity, segment: Segment) -> Part:
+def opened(parts: PartStore, name: str, gravity: Gravity, segment: Segment) -> LogPart:
     """A part of one event, two seconds into the log."""
     event = BlackBoxEvent(name, f"{name}: do something", gravity, 2 * SECOND_NS, 0)
     return parts.open(event, HEAD, [segment], (0, 30 * SECOND_NS))

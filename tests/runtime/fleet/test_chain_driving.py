@@ -16,7 +16,7 @@ from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.maps.traffic.mapped_floor import mapped_floor_graph
 from waychair.planning.fleet.order import Order, Request, parked, stopped
-from waychair.planning.fleet.warden import District, Heard, Report, decided
+from waychair.planning.fleet.warden import ChairReport, Heard, WardenState, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import PATIENCE_MS, ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
@@ -40,7 +40,7 @@ class _Points:
         ways: Ways = WAYS,
         places: Mapping[str, Place] = PLACES,
     ) -> None:
-        self.district = District(parked(ways, starts), 3000)
+        self.district = WardenState(parked(ways, starts), 3000)
         self.drivers = {k: ChainDriver(ways, k, CHAIR_A, dict(places)) for k in starts}
         self.poses = {k: places[room].pose for k, room in starts.items()}
         self.now_ms = 0
@@ -146,7 +146,7 @@ def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
     points = _Points({0: ROOMS[0]}, {})
     points.step()
     steps = points.steps[0]
-    assert steps.report == Report(0, 0, 0, 0)
+    assert steps.report == ChairReport(0, 0, 0, 0)
     assert steps.goals == ()
 
 

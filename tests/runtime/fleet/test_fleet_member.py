@@ -13,7 +13,6 @@ from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer
 from waychair.planning.fleet.waits import Reason
 from waychair.planning.fleet.ways import ways_of
-from waychair.runtime.chair_port import OthersView
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.chain_geometry import drivable
@@ -22,6 +21,7 @@ from waychair.runtime.fleet.desk.live_desk import LiveDesk
 from waychair.runtime.fleet.desk.staff_desk import StaffDesk
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
 from waychair.runtime.fleet.shut_ways import NO_WAY_ROUND_MS
+from waychair.runtime.pages.chair_port import OthersView
 from waychair.trials.fleet.fleet_scenes import places_in_rooms
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))

@@ -13,7 +13,7 @@ from waychair.planning.fleet.audit import TOP_LONGEST_MS
 from waychair.planning.fleet.order import Order, Request, asked, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, waits
-from waychair.planning.fleet.warden import District, Heard, decided
+from waychair.planning.fleet.warden import Heard, WardenState, decided
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.desk.staff_desk import StaffDesk, staff_view
 from waychair.types import Json
@@ -54,7 +54,7 @@ def test_a_request_under_way_keeps_its_own_priority_for_afterwards() -> None:
     desk = StaffDesk(KEY)
     order = asked(parked(WAYS, {1: "P"}), Request(7, 1, "S", 0, Priority.APPOINTMENT))
     desk.give(1, "top", KEY, 0)
-    district, _, _ = decided(District(desk.applied(order, 0), 3000), Heard(requests=()), 0)
+    district, _, _ = decided(WardenState(desk.applied(order, 0), 3000), Heard(requests=()), 0)
     district, _, _ = decided(district, Heard(requests=district.order.waiting), 0)
     assert district.order.chains[1].request is not None
     assert priorities(desk.applied(district.order, 1)) == {1: Priority.TOP}
@@ -101,7 +101,7 @@ def test_wrong_keys_in_a_row_close_the_desk_for_a_while() -> None:
 
 def test_the_view_tells_chairs_queues_closures_and_waits() -> None:
     order, audit, desk = asking(), Audit(), StaffDesk(KEY)
-    district, _, _ = decided(District(order, 3000), Heard(requests=order.waiting, blocked_ms={"b-S": MINUTE}), 0)
+    district, _, _ = decided(WardenState(order, 3000), Heard(requests=order.waiting, blocked_ms={"b-S": MINUTE}), 0)
     now_ms = 30_000
     present = waits(district.order, now_ms, 3000)
     audit.note(present, now_ms)

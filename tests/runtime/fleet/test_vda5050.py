@@ -17,10 +17,10 @@ from tests.planning.fleet.small_traffic import traffic
 from tests.runtime.fleet.vda_fields import faults
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import VdaError
-from waychair.planning.fleet.warden import Answer
+from waychair.planning.fleet.warden import RequestWord
 from waychair.planning.fleet.ways import ways_of
-from waychair.runtime.fleet import vda5050_messages as vda
-from waychair.runtime.fleet.vda5050 import ANSWERS, MANUFACTURER, ChairMoment, VdaChair
+from waychair.runtime.fleet.vda5050 import vda5050_messages as vda
+from waychair.runtime.fleet.vda5050.vda5050_robot import ANSWERS, MANUFACTURER, ChairMoment, VdaChair
 from waychair.types import Pose2, Twist
 
 WAYS = ways_of(traffic("ward", ["P-a", "a-b", "b-Q", "a-R"]), 0.5)
@@ -77,23 +77,23 @@ def granted(chair: VdaChair, *zones: str, now_ns: int = 0, lease_s: float | None
 
 def test_every_word_of_the_standard_for_a_request_is_one_of_the_wardens() -> None:
     assert {grant.value.lower(): ours.value for grant, ours in ANSWERS.items()} == {
-        each.value: each.value for each in Answer
+        each.value: each.value for each in RequestWord
     }
     assert set(ANSWERS) == set(vda.GrantType)
 
 
 def test_a_chair_drives_the_base_as_far_as_its_zones_are_granted() -> None:
     chair = VdaChair(WAYS, "2", "P")
-    assert (chair.reply(0).answer, spots(chair), chair.arrived) == (Answer.GRANTED, ["P"], True)
+    assert (chair.reply(0).answer, spots(chair), chair.arrived) == (RequestWord.GRANTED, ["P"], True)
     chair.receive("order", order("P P-a a a-b b b-Q Q", 5), 0)
-    assert (chair.reply(0).answer, spots(chair), chair.goal) == (Answer.QUEUED, ["P"], "Q")
+    assert (chair.reply(0).answer, spots(chair), chair.goal) == (RequestWord.QUEUED, ["P"], "Q")
     chair.ask(0)
     asked = state(chair)["zoneRequests"]
     assert [(each["zoneId"], each["zoneSetId"], each["requestStatus"]) for each in asked] == [
         ("P-a", "ward", "REQUESTED"), ("a-b", "ward", "REQUESTED"),
     ]  # fmt: skip
     granted(chair, "P-a")
-    assert (chair.reply(0).answer, spots(chair)) == (Answer.GRANTED, ["P", "P-a", "a"])
+    assert (chair.reply(0).answer, spots(chair)) == (RequestWord.GRANTED, ["P", "P-a", "a"])
     chair.receive("responses", answer(chair, "a-b", "QUEUED"), 0)
     assert spots(chair) == ["P", "P-a", "a"]
     granted(chair, "a-b")
@@ -156,7 +156,7 @@ def test_a_grant_without_an_end_lapses_with_the_link_and_a_revoked_one_at_once()
     chair.receive("responses", answer(chair, "a-R", "REVOKED"), 0)
     assert spots(chair) == ["P", "P-a", "a"]
     chair.receive("responses", answer(chair, "P-a", "REJECTED"), 0)
-    assert (chair.reply(0).answer, spots(chair)) == (Answer.REVOKED, ["P"])
+    assert (chair.reply(0).answer, spots(chair)) == (RequestWord.REVOKED, ["P"])
     chair.receive("responses", answer(chair, "P-a", "GRANTED", None), 0)
     assert spots(chair) == ["P", "P-a", "a"]
     chair.link_lost()
@@ -178,7 +178,7 @@ def test_an_update_goes_on_where_the_base_ends_and_an_order_may_be_cancelled() -
     told = state(chair)
     assert told["instantActionStates"] == [{"actionId": "c", "actionStatus": "FINISHED", "actionType": "cancelOrder"}]
     chair.enter(chair.reply(0).spots[1])
-    assert (chair.reply(0).answer, state(chair)["nodeStates"]) == (Answer.REVOKED, [])
+    assert (chair.reply(0).answer, state(chair)["nodeStates"]) == (RequestWord.REVOKED, [])
     chair.receive("order", order("a a-b b", 3, order_id="o2", first=40), 0)
     assert (state(chair)["errors"], chair.goal, state(chair)["orderId"]) == ([], "b", "o2")
 

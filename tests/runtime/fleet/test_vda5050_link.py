@@ -20,8 +20,8 @@ from tests.runtime.fleet.test_vda5050 import HEADER, NOW_MS, WAYS, order, spots,
 from tests.runtime.fleet.vda_fields import faults
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import VdaError
-from waychair.runtime.fleet.vda5050 import ChairMoment, VdaChair
-from waychair.runtime.fleet.vda5050_link import Broker, VdaLink, topic_of, vda_link
+from waychair.runtime.fleet.vda5050.vda5050_link import Broker, VdaLink, topic_of, vda_link
+from waychair.runtime.fleet.vda5050.vda5050_robot import ChairMoment, VdaChair
 from waychair.types import Pose2
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")

@@ -14,8 +14,8 @@ import pytest
 
 from waychair.errors import FleetError
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet, open_to_lan
-from waychair.runtime.fleet.fleet_keys import checked_keys, new_keys
-from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
+from waychair.runtime.fleet.network.fleet_keys import checked_keys, new_keys
+from waychair.runtime.fleet.network.zenoh_transport import LocalBus, ZenohTransport
 
 CHAIRS = (1, 2, 3)
 

@@ -15,7 +15,7 @@ from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
 from waychair.runtime.haptics.haptic_guide import LOST
-from waychair.runtime.haptics.haptic_state import HapticInputs, Surroundings
+from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
 from waychair.types import HelpLevel, Place, Pose2, Twist
 
 FORWARD = {7, 4, 1}
@@ -132,7 +132,7 @@ def test_an_open_motor_is_named_and_a_symbol_that_needs_it_is_never_felt_in_part
 
 
 def test_a_press_repeats_the_step_and_two_presses_ask_where_the_chair_is(rider: GuidedRider) -> None:
-    rider.guide.around = lambda: Surroundings((DESK,), ("Free straight ahead.",))
+    rider.guide.around = lambda: RiderSurroundings((DESK,), ("Free straight ahead.",))
     rider.guide.lead(DESK)
     rider.run(1200)
     first = len(rider.states)

@@ -18,7 +18,7 @@ from waychair.firmware_bridge.glove.layouts import layout_named
 from waychair.firmware_bridge.glove.program import GloveInputs, HostGlove, build_glove
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.haptics.sounds import Sounds
-from waychair.runtime.haptics.teller import Teller, Told
+from waychair.runtime.haptics.teller import Teller, ToldAdvice
 
 MS = 1_000_000
 LATER = 10**18
@@ -35,13 +35,13 @@ class Rider:
         self.teller = Teller(profile, bridge, self.sounds)
         self.now_ms = 0
         self.inputs = GloveInputs()
-        self.told: list[tuple[int, Told]] = []
+        self.told: list[tuple[int, ToldAdvice]] = []
         self.levels = np.zeros((0, 16), np.uint8)
 
     def run(self, ms: int, *wanted: Advice) -> None:
         for _ in range(ms // 10):
             told = self.teller.tick(wanted, self.now_ms * MS)
-            if told != Told():
+            if told != ToldAdvice():
                 self.told.append((self.now_ms, told))
             self.now_ms += 10
             self.levels = np.concatenate([self.levels, self.glove.step(self.now_ms, self.inputs).levels])

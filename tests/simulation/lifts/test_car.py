@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from waychair.simulation.lifts.car import DWELL_S, Car, DoorKind, LiftFault, Obstruction
+from waychair.simulation.lifts.car import DWELL_S, Car, DoorKind, LeafObstruction, LiftFault
 from waychair.simulation.lifts.lifts import STEP_NS
 from waychair.simulation.lifts.ride_profile import ACCELERATION, JERK, SPEED, ride_profile
 
@@ -14,7 +14,7 @@ def car(**changes: object) -> Car:
     return Car((0.0, 3.3, 6.6), 1.1, **changes)  # type: ignore[arg-type]
 
 
-def run(lift: Car, seconds: float, begin_s: float = 0.0, obstruction: Obstruction = Obstruction.NONE) -> float:
+def run(lift: Car, seconds: float, begin_s: float = 0.0, obstruction: LeafObstruction = LeafObstruction.NONE) -> float:
     now_ns = round(begin_s * 1e9)
     for _ in range(round(seconds * 1e9 / STEP_NS)):
         now_ns += STEP_NS
@@ -65,13 +65,13 @@ def test_a_held_door_stays_open_and_a_released_one_closes() -> None:
 @pytest.mark.parametrize(
     ("kind", "obstruction", "reopens"),
     [
-        (DoorKind.CURTAIN, Obstruction.BETWEEN, True),
-        (DoorKind.CONTACT, Obstruction.BETWEEN, False),
-        (DoorKind.CONTACT, Obstruction.TOUCHED, True),
-        (DoorKind.BAD, Obstruction.TOUCHED, False),
+        (DoorKind.CURTAIN, LeafObstruction.BETWEEN, True),
+        (DoorKind.CONTACT, LeafObstruction.BETWEEN, False),
+        (DoorKind.CONTACT, LeafObstruction.TOUCHED, True),
+        (DoorKind.BAD, LeafObstruction.TOUCHED, False),
     ],
 )
-def test_a_closing_door_reopens_by_its_kind(kind: DoorKind, obstruction: Obstruction, reopens: bool) -> None:
+def test_a_closing_door_reopens_by_its_kind(kind: DoorKind, obstruction: LeafObstruction, reopens: bool) -> None:
     lift = car(kind=kind)
     lift.call(0, 0)
     t = run(lift, 2.0 + DWELL_S + 0.6)
@@ -86,7 +86,7 @@ def test_a_bad_door_presses_on_what_it_touches_without_going_on() -> None:
     lift.call(0, 0)
     t = run(lift, 2.0 + DWELL_S + 0.6)
     before = lift.opened
-    run(lift, 3.0, t, Obstruction.TOUCHED)
+    run(lift, 3.0, t, LeafObstruction.TOUCHED)
     assert (lift.opened, lift.moves) == (before, -1)
 
 

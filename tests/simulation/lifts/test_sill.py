@@ -12,7 +12,7 @@ from waychair.maps.depth.ground import GroundView, ground_view
 from waychair.planning.seen.obstacle_layer import sight_of_drops, sight_of_missing_ground
 from waychair.simulation.lifts.sill import jolt
 from waychair.simulation.plan.world import World, load_levels
-from waychair.simulation.scene.scene import Lift, Pit
+from waychair.simulation.scene.scene import LiftCabin, Pit
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.types import Pose2, RgbdFrame
@@ -49,7 +49,7 @@ def test_wheels_that_cross_a_slit_dip_and_come_back() -> None:
 @pytest.mark.parametrize(("slit", "is_ground"), [(0.0, True), (0.03, True), (2.0, False)])
 def test_a_slit_of_three_centimetres_is_ground_and_a_missing_car_is_a_drop_off(slit: float, is_ground: bool) -> None:
     world: World = load_levels("two_floors")[0].without_people()
-    lift = Lift("wide", Pose2(3.95 - 1.0 + slit / 2, 3.5), 2.0, 2.0, ("ground",), slit)
+    lift = LiftCabin("wide", Pose2(3.95 - 1.0 + slit / 2, 3.5), 2.0, 2.0, ("ground",), slit)
     settings = SimulatorSettings()
     settings = replace(settings, camera=replace(settings.camera, rate_hz=10.0, noise=0.0))
     simulator = Simulator(replace(world, start=Pose2(1.5, 3.5), lifts=(lift,)), CHAIR_A, settings)

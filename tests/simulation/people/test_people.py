@@ -16,7 +16,7 @@ from waychair.errors import WorldError
 from waychair.geometry import transform_points, wrap_angle
 from waychair.simulation.people.people import CONTACT_GAP, STRIDE, SimulatedPeople
 from waychair.simulation.people.walking import STOP_DISTANCE, TURN_RATE, WAIT_LIMIT
-from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan, PersonState
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -43,7 +43,7 @@ def _with_wall(grid: OccupancyGrid, x: float, door: tuple[float, float]) -> Occu
     return OccupancyGrid(cells, grid.resolution, grid.map_from_grid)
 
 
-def _plan(behaviour: Behaviour, *points: tuple[float, float], **more: float | bool) -> PersonPlan:
+def _plan(behaviour: PersonBehaviour, *points: tuple[float, float], **more: float | bool) -> PersonPlan:
     return PersonPlan(behaviour, np.array(points, float), **more)  # type: ignore[arg-type]
 
 
@@ -102,7 +102,7 @@ def _assert_plausible(tracks: list[FloatArray]) -> None:
 @pytest.mark.parametrize("speed", [0.3, 1.0, 1.5])
 def test_a_walker_goes_back_and_forth_along_its_path_with_smooth_turns(speed: float) -> None:
     people = _people(
-        _room(8.0, 6.0), _plan(Behaviour.PATH, (1.0, 1.0), (6.0, 1.0), (6.0, 5.0), (2.0, 3.0), speed=speed)
+        _room(8.0, 6.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (6.0, 1.0), (6.0, 5.0), (2.0, 3.0), speed=speed)
     )
     states = [state for (state,) in _watch(people, 60.0 / speed)]
     tracks = [np.array([[state.pose.x, state.pose.y]]) for state in states]
@@ -122,7 +122,7 @@ def test_a_walker_goes_back_and_forth_along_its_path_with_smooth_turns(speed: fl
 
 def test_a_yielding_walker_and_a_standing_chair_head_on_in_a_corridor_never_touch() -> None:
     chair = Pose2(6.0, 1.0, math.pi)
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     states = [state for (state,) in _watch(people, 40.0, chair)]
     _assert_plausible([np.array([[state.pose.x, state.pose.y]]) for state in states])
     gaps = [_gap_to_chair(state, chair) for state in states]
@@ -134,7 +134,7 @@ def test_a_yielding_walker_and_a_standing_chair_head_on_in_a_corridor_never_touc
 
 
 def test_a_yielding_walker_walks_on_when_the_chair_has_gone() -> None:
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     for _ in _watch(people, 7.0, Pose2(6.0, 1.0, math.pi)):
         pass
     assert people.states[0].speed == 0.0
@@ -142,7 +142,7 @@ def test_a_yielding_walker_walks_on_when_the_chair_has_gone() -> None:
 
 
 def test_a_yielding_walker_passes_a_chair_that_leaves_room() -> None:
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.5), (11.0, 1.5)))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.5), (11.0, 1.5)))
     states = [state for (state,) in _watch(people, 14.0, Pose2(6.0, 0.5, math.pi))]
     assert max(state.pose.x for state in states) > 10.9
     assert min(state.speed for state in states[40:160]) > 0.9
@@ -150,7 +150,7 @@ def test_a_yielding_walker_passes_a_chair_that_leaves_room() -> None:
 
 def test_a_walker_that_does_not_yield_walks_up_to_the_chair_and_touches_but_does_not_enter_it() -> None:
     chair = Pose2(6.0, 1.1, 2.8)
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0), yields=False, speed=1.3))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0), yields=False, speed=1.3))
     gaps = np.array([_gap_to_chair(state, chair) for (state,) in _watch(people, 20.0, chair)])
     assert -2e-9 <= gaps.min() < CONTACT_GAP
     assert (gaps < CONTACT_GAP).sum() >= WAIT_LIMIT / TICK
@@ -161,8 +161,8 @@ def test_a_walker_that_does_not_yield_walks_up_to_the_chair_and_touches_but_does
 def test_two_walkers_who_meet_stop_before_contact_and_turn_back() -> None:
     people = _people(
         _room(12.0, 2.0),
-        _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)),
-        _plan(Behaviour.PATH, (11.0, 1.0), (1.0, 1.0), speed=0.8),
+        _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0)),
+        _plan(PersonBehaviour.PATH, (11.0, 1.0), (1.0, 1.0), speed=0.8),
     )
     states = list(_watch(people, 30.0))
     assert min(map(_smallest_gap, states)) > 0.1
@@ -174,7 +174,7 @@ def test_two_walkers_who_meet_stop_before_contact_and_turn_back() -> None:
 def test_a_walker_before_a_closed_door_turns_back() -> None:
     room = _room(8.0, 3.0)
     closed = _with_wall(room, 4.0, (1.5, 1.5))
-    people = _people(closed, _plan(Behaviour.PATH, (1.0, 1.5), (7.0, 1.5), yields=False))
+    people = _people(closed, _plan(PersonBehaviour.PATH, (1.0, 1.5), (7.0, 1.5), yields=False))
     states = [state for (state,) in _watch(people, 30.0)]
     _assert_plausible([np.array([[state.pose.x, state.pose.y]]) for state in states])
     nearest = max(state.pose.x for state in states)
@@ -183,7 +183,7 @@ def test_a_walker_before_a_closed_door_turns_back() -> None:
 
 
 def test_a_standing_walker_hit_by_a_chair_can_walk_away() -> None:
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     for _ in _watch(people, 6.0, Pose2(6.0, 1.0, math.pi)):
         pass
     state = people.states[0]
@@ -204,8 +204,8 @@ def test_social_walkers_pass_each_other_in_a_corridor_without_overlap(width: flo
     middle = width / 2
     people = _people(
         _room(12.0, width),
-        _plan(Behaviour.SOCIAL, (1.0, middle), (11.0, middle)),
-        _plan(Behaviour.SOCIAL, (11.0, middle), (1.0, middle)),
+        _plan(PersonBehaviour.SOCIAL, (1.0, middle), (11.0, middle)),
+        _plan(PersonBehaviour.SOCIAL, (11.0, middle), (1.0, middle)),
         seed=seed,
     )
     states = list(_watch(people, 13.0))
@@ -216,8 +216,8 @@ def test_social_walkers_pass_each_other_in_a_corridor_without_overlap(width: flo
 
 
 def test_two_streams_of_social_walkers_pass_through_each_other() -> None:
-    plans = [_plan(Behaviour.SOCIAL, (1.0 + i, 1.25), (18.0, 1.25)) for i in range(4)]
-    plans += [_plan(Behaviour.SOCIAL, (19.0 - i, 1.25), (2.0, 1.25)) for i in range(4)]
+    plans = [_plan(PersonBehaviour.SOCIAL, (1.0 + i, 1.25), (18.0, 1.25)) for i in range(4)]
+    plans += [_plan(PersonBehaviour.SOCIAL, (19.0 - i, 1.25), (2.0, 1.25)) for i in range(4)]
     people = _people(_room(20.0, 2.5), *plans)
     states = list(_watch(people, 25.0))
     tracks = np.array([_positions(crowd) for crowd in states])
@@ -228,7 +228,7 @@ def test_two_streams_of_social_walkers_pass_through_each_other() -> None:
 
 def test_a_social_walker_goes_round_a_chair_that_stands_in_its_way() -> None:
     chair = Pose2(6.0, 1.5, math.pi)
-    people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (1.0, 1.5), (11.0, 1.5)))
+    people = _people(_room(12.0, 3.0), _plan(PersonBehaviour.SOCIAL, (1.0, 1.5), (11.0, 1.5)))
     states = [state for (state,) in _watch(people, 14.0, chair)]
     _assert_plausible([np.array([[state.pose.x, state.pose.y]]) for state in states])
     assert min(_gap_to_chair(state, chair) for state in states) > 0.1
@@ -238,7 +238,7 @@ def test_a_social_walker_goes_round_a_chair_that_stands_in_its_way() -> None:
 def test_a_social_walker_makes_way_for_an_approaching_chair_only_if_it_yields() -> None:
     nearest = {}
     for yields in (True, False):
-        people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (2.0, 1.5), (11.0, 1.5), yields=yields))
+        people = _people(_room(12.0, 3.0), _plan(PersonBehaviour.SOCIAL, (2.0, 1.5), (11.0, 1.5), yields=yields))
         gaps = []
         for i in range(round(5.0 / TICK)):
             chair = Pose2(9.0 - 0.5 * i * TICK, 1.5, math.pi)
@@ -251,7 +251,7 @@ def test_a_social_walker_makes_way_for_an_approaching_chair_only_if_it_yields() 
 
 def test_a_social_walker_that_does_not_yield_passes_the_side_of_a_chair_in_contact() -> None:
     chair = Pose2(6.0, 1.05, 0.1)
-    people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (1.0, 1.5), (11.0, 1.5), yields=False))
+    people = _people(_room(12.0, 3.0), _plan(PersonBehaviour.SOCIAL, (1.0, 1.5), (11.0, 1.5), yields=False))
     states = [state for (state,) in _watch(people, 14.0, chair)]
     assert -2e-9 <= min(_gap_to_chair(state, chair) for state in states) < 0.02
     assert max(state.pose.x for state in states) > 10.5
@@ -259,14 +259,14 @@ def test_a_social_walker_that_does_not_yield_passes_the_side_of_a_chair_in_conta
 
 @pytest.mark.parametrize("aside", [-0.2, 0.2])
 def test_a_social_walker_leaves_the_outline_of_a_chair_that_drove_over_it(aside: float) -> None:
-    people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (6.0, 1.5), (11.0, 1.5)))
+    people = _people(_room(12.0, 3.0), _plan(PersonBehaviour.SOCIAL, (6.0, 1.5), (11.0, 1.5)))
     chair = Pose2(5.8, 1.5 - aside, 0.0)
     gaps = [_gap_to_chair(state, chair) for (state,) in _watch(people, 0.9, chair)]
     assert gaps[-1] > 0.0
 
 
 def test_a_social_walker_keeps_away_from_a_wall_along_its_path() -> None:
-    people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (1.0, 0.3), (11.0, 0.3)))
+    people = _people(_room(12.0, 3.0), _plan(PersonBehaviour.SOCIAL, (1.0, 0.3), (11.0, 0.3)))
     aside = [state.pose.y for (state,) in _watch(people, 8.0)]
     assert 0.45 < aside[-1] < 0.65
 
@@ -274,7 +274,7 @@ def test_a_social_walker_keeps_away_from_a_wall_along_its_path() -> None:
 @pytest.mark.parametrize("speed", [0.6, 1.0, 1.3])
 def test_a_social_walker_goes_through_a_narrow_door(speed: float) -> None:
     grid = _with_wall(_room(8.0, 3.0), 4.0, (1.1, 1.9))
-    people = _people(grid, _plan(Behaviour.SOCIAL, (1.0, 1.5), (7.0, 1.5), speed=speed))
+    people = _people(grid, _plan(PersonBehaviour.SOCIAL, (1.0, 1.5), (7.0, 1.5), speed=speed))
     states = [state for (state,) in _watch(people, 10.0 / speed)]
     _assert_plausible([np.array([[state.pose.x, state.pose.y]]) for state in states])
     assert max(state.pose.x for state in states) > 6.5
@@ -286,14 +286,14 @@ def test_a_social_walker_goes_through_a_narrow_door(speed: float) -> None:
 
 def test_a_seated_person_does_not_move_at_a_table() -> None:
     grid = _with_wall(_room(8.0, 3.0), 4.0, (1.5, 1.5))
-    people = _people(grid, _plan(Behaviour.SEATED, (3.9, 1.5), (4.0, 2.5)))
+    people = _people(grid, _plan(PersonBehaviour.SEATED, (3.9, 1.5), (4.0, 2.5)))
     (before,) = people.states
     assert before.pose.theta == pytest.approx(math.atan2(1.0, 0.1))
     assert all(state == before for (state,) in _watch(people, 5.0, Pose2(3.0, 1.5, 0.0), Twist(0.5, 0.0)))
 
 
 def _sudden(trigger: float = 2.0) -> SimulatedPeople:
-    return _people(_room(12.0, 4.0), _plan(Behaviour.SUDDEN, (8.0, 0.5), (8.0, 3.0), trigger=trigger, speed=1.2))
+    return _people(_room(12.0, 4.0), _plan(PersonBehaviour.SUDDEN, (8.0, 0.5), (8.0, 3.0), trigger=trigger, speed=1.2))
 
 
 @pytest.mark.parametrize("trigger", [1.0, 2.0, 3.5])
@@ -327,7 +327,7 @@ def test_a_sudden_person_stays_in_place_for_a_chair_that_does_not_come_near(pose
 def test_a_sudden_person_may_step_out_before_the_corner_of_a_chair_that_turns() -> None:
     # Turning left it swings its left front corner towards the path, turning right away from it.
     for omega, steps_out in ((0.5, True), (-0.5, False)):
-        people = _people(_room(12.0, 4.0), _plan(Behaviour.SUDDEN, (8.0, 2.6), (8.0, 3.4), trigger=0.6))
+        people = _people(_room(12.0, 4.0), _plan(PersonBehaviour.SUDDEN, (8.0, 2.6), (8.0, 3.4), trigger=0.6))
         people.step(TICK_NS, Pose2(7.0, 2.0, 0.0), Twist(0.0, omega))
         assert (people.states[0].speed > 0.0) == steps_out
 
@@ -337,15 +337,15 @@ def test_a_sudden_person_may_step_out_before_the_corner_of_a_chair_that_turns() 
 
 def _crowd() -> list[PersonPlan]:
     return [
-        _plan(Behaviour.PATH, (0.5, 0.5), (5.0, 0.6), (5.2, 3.0), speed=1.2),
-        _plan(Behaviour.PATH, (5.5, 0.5), (0.5, 0.7), yields=False),
-        _plan(Behaviour.SOCIAL, (0.5, 3.2), (5.5, 3.2)),
-        _plan(Behaviour.SOCIAL, (5.5, 2.5), (0.5, 2.5), yields=False, speed=1.4),
-        _plan(Behaviour.SOCIAL, (1.2, 3.4), (1.5, 0.6)),
-        _plan(Behaviour.SEATED, (2.5, 3.6)),
-        _plan(Behaviour.SUDDEN, (3.8, 3.6), (3.8, 0.4), speed=1.3),
-        _plan(Behaviour.BOUNCE, (2.0, 1.2), speed=0.4, radius=0.15),
-        _plan(Behaviour.BOUNCE, (4.4, 1.8), speed=0.15, radius=0.15),
+        _plan(PersonBehaviour.PATH, (0.5, 0.5), (5.0, 0.6), (5.2, 3.0), speed=1.2),
+        _plan(PersonBehaviour.PATH, (5.5, 0.5), (0.5, 0.7), yields=False),
+        _plan(PersonBehaviour.SOCIAL, (0.5, 3.2), (5.5, 3.2)),
+        _plan(PersonBehaviour.SOCIAL, (5.5, 2.5), (0.5, 2.5), yields=False, speed=1.4),
+        _plan(PersonBehaviour.SOCIAL, (1.2, 3.4), (1.5, 0.6)),
+        _plan(PersonBehaviour.SEATED, (2.5, 3.6)),
+        _plan(PersonBehaviour.SUDDEN, (3.8, 3.6), (3.8, 0.4), speed=1.3),
+        _plan(PersonBehaviour.BOUNCE, (2.0, 1.2), speed=0.4, radius=0.15),
+        _plan(PersonBehaviour.BOUNCE, (4.4, 1.8), speed=0.15, radius=0.15),
     ]
 
 
@@ -414,8 +414,8 @@ def test_a_long_step_equals_many_short_ones() -> None:
 
 def test_finer_steps_change_little() -> None:
     plans = [
-        _plan(Behaviour.PATH, (1.0, 1.0), (6.0, 1.0), (6.0, 5.0)),
-        _plan(Behaviour.SOCIAL, (1.0, 3.0), (4.0, 3.0), (4.5, 5.0)),
+        _plan(PersonBehaviour.PATH, (1.0, 1.0), (6.0, 1.0), (6.0, 5.0)),
+        _plan(PersonBehaviour.SOCIAL, (1.0, 3.0), (4.0, 3.0), (4.5, 5.0)),
     ]
     fine, coarse = (_people(_room(8.0, 6.0), *plans, seed=1) for _ in range(2))
     for _ in range(round(20.0 / TICK)):
@@ -426,7 +426,7 @@ def test_finer_steps_change_little() -> None:
 
 
 def test_the_gait_advances_one_cycle_for_every_stride() -> None:
-    people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
+    people = _people(_room(12.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     before = people.states[0]
     for state, *_ in _watch(people, 8.0):
         turns = (state.pose.x - before.pose.x) / STRIDE
@@ -440,18 +440,20 @@ def test_a_world_without_people_has_none() -> None:
     assert people.states == ()
 
 
-@pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SUDDEN])
-def test_a_walker_without_a_path_stands(behaviour: Behaviour) -> None:
+@pytest.mark.parametrize("behaviour", [PersonBehaviour.PATH, PersonBehaviour.SOCIAL, PersonBehaviour.SUDDEN])
+def test_a_walker_without_a_path_stands(behaviour: PersonBehaviour) -> None:
     people = _people(_room(3.0, 3.0), _plan(behaviour, (1.0, 1.5)))
     assert all(state.pose == Pose2(1.0, 1.5, 0.0) for (state,) in _watch(people, 12.0))
 
 
-@pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SUDDEN, Behaviour.BOUNCE])
+@pytest.mark.parametrize(
+    "behaviour", [PersonBehaviour.PATH, PersonBehaviour.SOCIAL, PersonBehaviour.SUDDEN, PersonBehaviour.BOUNCE]
+)
 @pytest.mark.parametrize(
     ("begin", "problem"), [((0.2, 1.0), "something solid"), ((-0.1, 1.0), "something solid"), ((9.0, 1.0), "outside")]
 )
 def test_a_walker_with_an_impossible_start_is_refused_with_advice(
-    behaviour: Behaviour, begin: tuple[float, float], problem: str
+    behaviour: PersonBehaviour, begin: tuple[float, float], problem: str
 ) -> None:
     with pytest.raises(WorldError, match=rf"person 1 \({behaviour.value}\) .*{problem}.*start its path"):
         _people(_room(3.0, 3.0), _plan(behaviour, begin, (2.0, 1.0)))
@@ -460,7 +462,7 @@ def test_a_walker_with_an_impossible_start_is_refused_with_advice(
 @pytest.mark.parametrize("speed", [0.0, -1.0, 1.6, math.nan, math.inf])
 def test_an_impossible_speed_is_refused_with_advice(speed: float) -> None:
     with pytest.raises(WorldError, match="give a speed"):
-        _people(_room(3.0, 3.0), _plan(Behaviour.PATH, (1.0, 1.0), speed=speed))
+        _people(_room(3.0, 3.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), speed=speed))
 
 
 def test_time_does_not_go_backwards_for_people() -> None:
@@ -469,7 +471,7 @@ def test_time_does_not_go_backwards_for_people() -> None:
 
 
 def test_a_person_with_errands_stays_at_each_end_of_its_way() -> None:
-    people = _people(_room(6.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (4.0, 1.0), speed=1.0, rest=12.0))
+    people = _people(_room(6.0, 2.0), _plan(PersonBehaviour.PATH, (1.0, 1.0), (4.0, 1.0), speed=1.0, rest=12.0))
     at = [float(states[0].pose.x) for states in _watch(people, 60.0)]
     ends = [round(sum(abs(x - end) < 1e-6 for x in at) * TICK, 1) for end in (4.0, 1.0)]
     assert ends[0] == pytest.approx(24.0, abs=2.0)  # twice in a minute: 4 s of way, 12 s there, and a turn

@@ -14,7 +14,7 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.cells import occupied, points_from_cells
 from waychair.simulation.plan.plan_fittings import within_any
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.scene.scene import DOOR_HEIGHT, Behaviour, Block
+from waychair.simulation.scene.scene import DOOR_HEIGHT, Block, PersonBehaviour
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import BoolArray, FloatArray
 
@@ -236,7 +236,7 @@ def test_movers_are_placed_within_the_walls_apart_and_the_same_in_every_run(tmp_
     world = _world(tmp_path, more, plan)
     points = np.concatenate([person.path for person in world.people])
     assert points.shape == (12, 2)
-    assert {person.behaviour for person in world.people} == {Behaviour.BOUNCE}
+    assert {person.behaviour for person in world.people} == {PersonBehaviour.BOUNCE}
     assert (points > 0.25).all()
     assert (points < (7.75, 2.25)).all()  # the doors are closed: no mover is in the other room
     apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) + 9.0 * np.eye(12)
@@ -248,6 +248,6 @@ def test_movers_are_placed_within_the_walls_apart_and_the_same_in_every_run(tmp_
 def test_a_person_has_the_properties_of_the_plan(tmp_path: Path) -> None:
     more = "people:\n  - {behaviour: sudden, path: [[5.0, 1.5], [3.0, 1.2]], speed: 1.2, yields: false, trigger: 2.5}\n"
     (person,) = _world(tmp_path, more).people
-    assert (person.behaviour, person.speed, person.yields) == (Behaviour.SUDDEN, 1.2, False)
+    assert (person.behaviour, person.speed, person.yields) == (PersonBehaviour.SUDDEN, 1.2, False)
     assert (person.radius, person.trigger) == (0.25, 2.5)
     assert person.path.tolist() == [[5.0, 1.5], [3.0, 1.2]]

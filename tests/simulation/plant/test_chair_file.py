@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from waychair.calibration.chair_body import BODIES, CHAIR_A, CHAIR_B
 from waychair.errors import ConfigError
-from waychair.simulation.plant.chair_file import CHAIRS, SimulatedChair, load_chair, randomised_chair
+from waychair.simulation.plant.chair_file import CHAIRS, SimulatedChairData, load_chair, randomised_chair
 from waychair.simulation.plant.mujoco_model import MujocoSettings
 from waychair.simulation.plant.plant import PlantSettings, families
 
@@ -21,7 +21,7 @@ from waychair.simulation.plant.plant import PlantSettings, families
 def test_every_built_in_body_is_a_chair_and_a_is_the_default() -> None:
     assert list(CHAIRS) == list(BODIES)
     assert all(load_chair(name).body == body for name, body in BODIES.items())
-    assert load_chair() == SimulatedChair() == CHAIRS["A"]
+    assert load_chair() == SimulatedChairData() == CHAIRS["A"]
 
 
 @pytest.mark.parametrize("name", CHAIRS)
@@ -33,7 +33,7 @@ def test_a_chair_is_read_back_from_its_values(name: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", families())
 def test_a_chair_of_each_family_is_read_back_from_its_values(name: str, tmp_path: Path) -> None:
-    chair = SimulatedChair(plant=families()[name])
+    chair = SimulatedChairData(plant=families()[name])
     (tmp_path / "chair.yml").write_text(yaml.safe_dump(msgspec.to_builtins(chair)))
     assert load_chair(str(tmp_path / "chair.yml")) == chair
 

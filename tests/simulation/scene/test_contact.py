@@ -21,7 +21,7 @@ from waychair.simulation.scene.contact import (
     person_distance,
     solid_from_blocks,
 )
-from waychair.simulation.scene.scene import Behaviour, Block, PersonState, Pit
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonState, Pit
 from waychair.types import FloatArray, Pose2
 
 
@@ -189,7 +189,7 @@ def test_the_nearest_point_is_on_the_block_about_to_be_touched() -> None:
 
 
 def _person(x: float, y: float, radius: float = 0.25) -> PersonState:
-    return PersonState(Pose2(x, y), 1.0, 0.0, radius, Behaviour.PATH)
+    return PersonState(Pose2(x, y), 1.0, 0.0, radius, PersonBehaviour.PATH)
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-math.pi, math.pi), st.floats(0.05, 0.5))

@@ -18,7 +18,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import ConfigError
 from waychair.geometry import in_space
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.scene.scene import Behaviour, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonState
 from waychair.simulation.sensors.camera import (
     DEPTH_MIN,
     NOISE_STEP,
@@ -304,7 +304,7 @@ def _digest(seed: int) -> str:
     camera, digest = _camera(renderer, SMALL, seed), hashlib.sha256()
     for k in range(4):
         pose = world.start @ Pose2(0.1 * k, 0.0, 0.05 * k)
-        person = PersonState(pose @ Pose2(2.0, 0.3, 2.0), 1.0, 0.5 * k, 0.25, Behaviour.PATH, 3)
+        person = PersonState(pose @ Pose2(2.0, 0.3, 2.0), 1.0, 0.5 * k, 0.25, PersonBehaviour.PATH, 3)
         frame = camera.frame(k * 10**8, in_space(pose), Twist(0.6, 0.3), [person])
         digest.update(frame.image.tobytes() + frame.depth.tobytes())
     renderer.release()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import ConfigError
 from waychair.geometry import interpolate
-from waychair.simulation.scene.scene import Behaviour, PersonState, Reflection, Slice
+from waychair.simulation.scene.scene import PersonBehaviour, PersonState, Reflection, Slice
 from waychair.simulation.sensors import lidar as lidar_module
 from waychair.simulation.sensors.lidar import MOST_MIRRORS, Lidar, LidarOptics, LidarSettings, cast_sweep
 from waychair.simulation.sensors.rays import NO_CIRCLES, Scenery, scenery_from_slice
@@ -243,7 +243,7 @@ def test_the_path_over_a_mirror_counts_for_the_range() -> None:
 # Legs
 
 
-def _people(*behaviours: Behaviour, x: float = 3.0) -> list[PersonState]:
+def _people(*behaviours: PersonBehaviour, x: float = 3.0) -> list[PersonState]:
     return [
         PersonState(Pose2(5.0 + x, 5.0 - 1.5 * k, math.pi), 1.0, 0.0, 0.25, behaviour)
         for k, behaviour in enumerate(behaviours)
@@ -256,8 +256,8 @@ def _clusters(ranges: Float32Array, empty: Float32Array) -> int:
     return int((np.diff(nearer.astype(int), prepend=0) == 1).sum())
 
 
-@pytest.mark.parametrize(("behaviour", "count"), [(Behaviour.PATH, 2), (Behaviour.BOUNCE, 1)])
-def test_a_walker_is_two_legs_to_the_lidar_and_a_mover_one_disc(behaviour: Behaviour, count: int) -> None:
+@pytest.mark.parametrize(("behaviour", "count"), [(PersonBehaviour.PATH, 2), (PersonBehaviour.BOUNCE, 1)])
+def test_a_walker_is_two_legs_to_the_lidar_and_a_mover_one_disc(behaviour: PersonBehaviour, count: int) -> None:
     lidar, pose = _lidar(dataclasses.replace(CLEAN, sweep_s=0.0)), Pose2(5.0, 5.0, 0.0)
     empty = lidar.scan_at_rest(_room(), pose, 0).ranges
     scan = lidar.step(_room(), pose, _people(behaviour), 0)

@@ -14,7 +14,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import MissingExtra
 from waychair.geometry import in_space
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.scene.scene import Behaviour, Block, Finish, Lamp, PersonState, Pit, Slope
+from waychair.simulation.scene.scene import Block, Finish, Lamp, PersonBehaviour, PersonState, Pit, Slope
 from waychair.simulation.sensors import renderer as renderer_module
 from waychair.simulation.sensors.renderer import (
     NEAR,
@@ -207,8 +207,8 @@ def test_a_ramp_is_visible_above_the_floor() -> None:
     assert 0.01 < np.mean(ramp < flat - 0.02) < 0.3
 
 
-@pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SEATED, Behaviour.BOUNCE])
-def test_people_are_rendered_at_their_places(behaviour: Behaviour) -> None:
+@pytest.mark.parametrize("behaviour", [PersonBehaviour.PATH, PersonBehaviour.SEATED, PersonBehaviour.BOUNCE])
+def test_people_are_rendered_at_their_places(behaviour: PersonBehaviour) -> None:
     person = PersonState(Pose2(4.0, 4.2, 0.3), 1.0, 0.4, 0.25, behaviour, 3)
     pose = _seen_from(1.0, 4.0, 0.0)
     empty, picture = _render(_hall(), pose), _render(_hall(), pose, person)
@@ -220,7 +220,7 @@ def test_people_are_rendered_at_their_places(behaviour: Behaviour) -> None:
 
 
 def test_people_behind_the_camera_change_nothing() -> None:
-    person = PersonState(Pose2(0.6, 4.0, 0.0), 1.0, 0.4, 0.25, Behaviour.PATH, 3)
+    person = PersonState(Pose2(0.6, 4.0, 0.0), 1.0, 0.4, 0.25, PersonBehaviour.PATH, 3)
     pose = _seen_from(3.0, 4.0, 0.0)
     np.testing.assert_array_equal(_render(_hall(), pose).colour, _render(_hall(), pose, person).colour)
 
@@ -228,7 +228,7 @@ def test_people_behind_the_camera_change_nothing() -> None:
 def test_legs_move_with_the_stride() -> None:
     pose = _seen_from(1.0, 4.0, 0.0)
     seen = [
-        _render(_hall(), pose, PersonState(Pose2(3.5, 4.2, math.pi / 2), 1.0, stride, 0.25, Behaviour.PATH)).depth
+        _render(_hall(), pose, PersonState(Pose2(3.5, 4.2, math.pi / 2), 1.0, stride, 0.25, PersonBehaviour.PATH)).depth
         for stride in (0.0, math.pi / 2)
     ]
     assert np.mean(seen[0] != seen[1]) > 0.003

@@ -14,7 +14,7 @@ from waychair.errors import ConfigError
 from waychair.geometry import in_space
 from waychair.planning.seen.laser_picture import line_in_picture, rows_of_ranges
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.scene.scene import Behaviour, Block, Lamp, PersonState
+from waychair.simulation.scene.scene import Block, Lamp, PersonBehaviour, PersonState
 from waychair.simulation.sensors.pan_tilt import ServoCameraFaults
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.sensors.servo_camera import ServoCamera, ServoCameraSettings
@@ -95,7 +95,9 @@ def test_a_board_hides_the_line_behind_it_and_shows_it_itself(corridor: World) -
 
 
 def test_the_line_crosses_a_person_who_stands_before_the_wall(corridor: World) -> None:
-    person = PersonState(Pose2(7.0, 4.0 + SERVO_CAMERA.forward + 1.2, -math.pi / 2), 0.0, 0.0, 0.25, Behaviour.SEATED)
+    person = PersonState(
+        Pose2(7.0, 4.0 + SERVO_CAMERA.forward + 1.2, -math.pi / 2), 0.0, 0.0, 0.25, PersonBehaviour.SEATED
+    )
     red = _red(_with(corridor, _wall(2.0)), (person,))
     rows = red[245:, 300:340].mean(axis=1).argmax() + 245
     assert _row(1.5) < rows < _row(0.8)

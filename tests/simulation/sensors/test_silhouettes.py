@@ -9,15 +9,18 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.geometry import transform_points
-from waychair.simulation.scene.scene import Behaviour, PersonState
+from waychair.simulation.scene.scene import PersonBehaviour, PersonState
 from waychair.simulation.sensors.silhouettes import FULL_STRIDE_SPEED, HIP, SWING, bodies, legs, legs_of, rider_legs
 from waychair.types import FloatArray, Pose2
 
-WALKERS = (Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SUDDEN)
+WALKERS = (PersonBehaviour.PATH, PersonBehaviour.SOCIAL, PersonBehaviour.SUDDEN)
 
 
 def _person(
-    behaviour: Behaviour = Behaviour.PATH, speed: float = 1.0, stride: float = 0.0, pose: Pose2 | None = None
+    behaviour: PersonBehaviour = PersonBehaviour.PATH,
+    speed: float = 1.0,
+    stride: float = 0.0,
+    pose: Pose2 | None = None,
 ) -> PersonState:
     return PersonState(pose or Pose2(3.0, 2.0, 0.7), speed, stride, 0.25, behaviour)
 
@@ -28,7 +31,7 @@ def _own(person: PersonState) -> FloatArray:
 
 
 @pytest.mark.parametrize("behaviour", WALKERS)
-def test_walkers_have_two_legs_one_to_each_side(behaviour: Behaviour) -> None:
+def test_walkers_have_two_legs_one_to_each_side(behaviour: PersonBehaviour) -> None:
     for stride in np.linspace(0.0, 7.0, 15):
         assert _own(_person(behaviour, stride=float(stride)))[:, 1] == pytest.approx([HIP, -HIP])
 
@@ -49,11 +52,11 @@ def test_a_standing_person_has_the_legs_side_by_side_and_slow_steps_are_short() 
 
 
 def test_a_mover_is_one_disc_of_its_radius() -> None:
-    np.testing.assert_allclose(legs_of(_person(Behaviour.BOUNCE, stride=1.0)), [[3.0, 2.0, 0.25]])
+    np.testing.assert_allclose(legs_of(_person(PersonBehaviour.BOUNCE, stride=1.0)), [[3.0, 2.0, 0.25]])
 
 
 def test_a_seated_person_has_shins_ahead_of_the_four_legs_of_the_chair() -> None:
-    person = _person(Behaviour.SEATED, speed=0.0)
+    person = _person(PersonBehaviour.SEATED, speed=0.0)
     own, radii = _own(person), legs_of(person)[:, 2]
     shins = radii > 0.03
     assert shins.sum() == 2
@@ -62,13 +65,13 @@ def test_a_seated_person_has_shins_ahead_of_the_four_legs_of_the_chair() -> None
 
 
 def test_the_number_of_circles_of_a_person_depends_on_its_behaviour_only() -> None:
-    for behaviour in Behaviour:
+    for behaviour in PersonBehaviour:
         shapes = {legs_of(_person(behaviour, speed, stride)).shape for speed in (0.0, 1.4) for stride in (0.0, 2.0)}
         assert len(shapes) == 1
 
 
 def test_legs_and_bodies_of_several_people_follow_their_order() -> None:
-    people = [_person(pose=Pose2(1.0, 0.0, 0.0)), _person(Behaviour.BOUNCE, pose=Pose2(5.0, 5.0, 0.0))]
+    people = [_person(pose=Pose2(1.0, 0.0, 0.0)), _person(PersonBehaviour.BOUNCE, pose=Pose2(5.0, 5.0, 0.0))]
     np.testing.assert_array_equal(legs(people), np.vstack([legs_of(person) for person in people]))
     np.testing.assert_allclose(bodies(people), [[1.0, 0.0, 0.25], [5.0, 5.0, 0.25]])
     assert legs([]).shape == bodies([]).shape == (0, 3)

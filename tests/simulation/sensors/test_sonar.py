@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody, sonar_mounts
 from waychair.errors import ConfigError
-from waychair.simulation.scene.scene import Behaviour, PersonState, Reflection, Slice
+from waychair.simulation.scene.scene import PersonBehaviour, PersonState, Reflection, Slice
 from waychair.simulation.sensors import sonar as sonar_module
 from waychair.simulation.sensors.rays import Scenery, scenery_from_slice
 from waychair.simulation.sensors.sonar import SRF08, Sonars, SonarSettings, first_echoes
@@ -102,7 +102,7 @@ def test_a_face_without_an_echo_still_hides_the_space_behind_it() -> None:
 
 
 def test_a_person_gives_an_echo_at_the_radius_of_its_body() -> None:
-    person = PersonState(Pose2(2.0, 0.15), 1.0, 0.3, 0.25, Behaviour.PATH)
+    person = PersonState(Pose2(2.0, 0.15), 1.0, 0.3, 0.25, PersonBehaviour.PATH)
     ranges = _read(_scenery(), people=(person,))
     assert ranges[0] == pytest.approx(2.0 - 0.25 - 0.75, abs=1e-3)
     assert np.isfinite(ranges[[0, 7]]).all()

@@ -20,7 +20,7 @@ from waychair.slam.camera.dense_alignment import align_pictures
 from waychair.slam.camera.patch_alignment import affine_kernel, align
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.reprojection import NoiseModel, project
-from waychair.slam.camera.tracked_picture import TrackingState
+from waychair.slam.camera.tracked_picture import PictureOutcome
 from waychair.slam.camera.visual_map import inverse_depths, pyramid_of
 from waychair.slam.camera.visual_odometry import VisualOdometry, VisualOdometrySettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
@@ -28,7 +28,7 @@ from waychair.types import FloatArray, Pose3, RgbdFrame
 STILL = Pose3(np.eye(3), np.zeros(3))
 
 
-def followed(frames: list[RgbdFrame]) -> tuple[VisualOdometry, list[Pose3 | None], list[TrackingState]]:
+def followed(frames: list[RgbdFrame]) -> tuple[VisualOdometry, list[Pose3 | None], list[PictureOutcome]]:
     odometry = VisualOdometry(VisualOdometrySettings())
     tracked = [odometry.process(frame) for frame in frames]
     poses = [each.camera_from_map.inverse() if each.camera_from_map is not None else None for each in tracked]
@@ -43,7 +43,7 @@ def errors(poses: list[Pose3 | None], truth: list[Pose3]) -> FloatArray:
 def test_a_swaying_camera_is_followed_to_millimetres() -> None:
     truth = sway(40)
     odometry, poses, states = followed([noisy(render(p, k * 66_000_000), k) for k, p in enumerate(truth)])
-    assert states == [TrackingState.STARTED] + [TrackingState.FOLLOWED] * 39
+    assert states == [PictureOutcome.STARTED] + [PictureOutcome.FOLLOWED] * 39
     assert errors(poses, truth).max() < 0.01
     last = poses[-1]
     assert last is not None
@@ -74,8 +74,8 @@ def test_black_overexposed_and_blank_frames_are_reported_and_the_camera_is_found
     for k, level in ((5, 0), (6, 255), (7, 128)):
         frames[k] = dataclasses.replace(frames[k], image=np.full_like(frames[k].image, level))
     _, poses, states = followed(frames)
-    assert states[5:8] == [TrackingState.BLIND] * 3
-    assert all(state in (TrackingState.FOLLOWED, TrackingState.FOUND) for state in states[8:])
+    assert states[5:8] == [PictureOutcome.BLIND] * 3
+    assert all(state in (PictureOutcome.FOLLOWED, PictureOutcome.FOUND) for state in states[8:])
     assert errors(poses, truth).max() < 0.02
 
 
@@ -83,9 +83,9 @@ def test_frames_without_depth_start_no_map_but_are_followed_in_one() -> None:
     truth = sway(12)
     frames = [render(p, k * 66_000_000) for k, p in enumerate(truth)]
     holes = [dataclasses.replace(frame, depth=np.full_like(frame.depth, np.nan)) for frame in frames]
-    assert followed(holes)[2] == [TrackingState.NO_DEPTH] * 12
+    assert followed(holes)[2] == [PictureOutcome.NO_DEPTH] * 12
     _, poses, states = followed([frames[0], frames[1], *holes[2:5], *frames[5:]])
-    assert all(state in (TrackingState.FOLLOWED, TrackingState.FOUND) for state in states[1:])
+    assert all(state in (PictureOutcome.FOLLOWED, PictureOutcome.FOUND) for state in states[1:])
     assert errors(poses, truth).max() < 0.02
 
 
@@ -94,9 +94,9 @@ def test_a_camera_turned_while_blind_is_lost_and_found_when_it_looks_back() -> N
     away = [render(pose((0, 3.0 + 0.02 * k, 0)), (8 + k) * 66_000_000) for k in range(3)]
     back = [render(pose(at=(0.02 * k, 0, 0)), (12 + k) * 66_000_000) for k in range(3)]
     _, poses, states = followed([*there, *away, *back])
-    assert states[5:8] == [TrackingState.LOST] * 3
-    assert states[8] in (TrackingState.FOLLOWED, TrackingState.FOUND)
-    assert states[9:] == [TrackingState.FOLLOWED] * 2
+    assert states[5:8] == [PictureOutcome.LOST] * 3
+    assert states[8] in (PictureOutcome.FOLLOWED, PictureOutcome.FOUND)
+    assert states[9:] == [PictureOutcome.FOLLOWED] * 2
     found = poses[8]
     assert found is not None
     assert float(np.linalg.norm(found.translation)) < 0.02
@@ -106,7 +106,7 @@ def test_a_camera_lost_for_long_begins_a_new_piece() -> None:
     there = [render(pose(at=(0.01 * k, 0, 0)), k * 66_000_000) for k in range(4)]
     away = [render(pose((0, 3.0 + 0.02 * k, 0)), (60 + k) * 66_000_000) for k in range(3)]
     odometry, poses, states = followed([*there, *away])
-    assert states[4:] == [TrackingState.STARTED, TrackingState.FOLLOWED, TrackingState.FOLLOWED]
+    assert states[4:] == [PictureOutcome.STARTED, PictureOutcome.FOLLOWED, PictureOutcome.FOLLOWED]
     assert odometry.piece == 1
     assert None not in poses
 
@@ -194,7 +194,7 @@ def test_the_beginning_of_real_pictures_of_a_camera_that_rolls_is_followed(data_
     folder = data_dir / "rgbd_tum_fr1_rpy_head"
     frames = list(islice(read_recording(folder).pictures(), 40))
     _, poses, states = followed(frames)
-    assert states == [TrackingState.STARTED] + [TrackingState.FOLLOWED] * 39
+    assert states == [PictureOutcome.STARTED] + [PictureOutcome.FOLLOWED] * 39
     truth = read_truth(folder)
     near = [int(np.abs(truth.stamps_ns - frame.stamp_ns).argmin()) for frame in frames]
     world_from_first = Pose3(truth.rotations[near[0]], truth.positions[near[0]])

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.depth_drive import drive_with_pictures, with_hazards
-from evaluation.scenes.depth_score import depth_score
+from evaluation.scenes.maps.depth_drive import drive_with_pictures, with_hazards
+from evaluation.scenes.maps.depth_score import depth_score
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import ConfigError, NoPictures, RecordingError

@@ -25,7 +25,7 @@ from waychair.slam.memory.long_term_file import Batch, NodeState
 from waychair.slam.memory.long_term_memory import LongTermStore
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
-from waychair.slam.memory.nodes import Node, NodeStatus, pack, pack_features, seal, unpack, unseal
+from waychair.slam.memory.nodes import MemoryNode, NodeStatus, pack, pack_features, seal, unpack, unseal
 from waychair.types import Pose2
 
 BOUNDED = MemorySettings(working_memory_limit=5)
@@ -49,7 +49,7 @@ def drive(path: Path, length: int = 30) -> NodeMemory:
     return memory
 
 
-def same(a: Node, b: Node) -> bool:
+def same(a: MemoryNode, b: MemoryNode) -> bool:
     assert a.evidence is not None
     assert b.evidence is not None
     arrays = ("words", "pixels", "points", "descriptors", "surface")
@@ -110,7 +110,7 @@ def test_nodes_are_read_back_from_the_file_unchanged(tmp_path: Path) -> None:
 
 def test_a_node_not_yet_written_to_the_disk_can_be_read(tmp_path: Path) -> None:
     store = LongTermStore(tmp_path / "memory.db")
-    node = Node(5, Pose2(), np.arange(10, dtype=np.int32), id=7)
+    node = MemoryNode(5, Pose2(), np.arange(10, dtype=np.int32), id=7)
     store.write(Batch(nodes=(node,)))
     assert store.node(7).words.tolist() == list(range(10))
     store.close()
@@ -432,9 +432,9 @@ def test_two_programs_do_not_write_over_each_other(tmp_path: Path) -> None:
 
 def test_a_transaction_is_stored_completely_or_not_at_all(tmp_path: Path) -> None:
     store = LongTermStore(tmp_path / "memory.db")
-    good = Node(1, Pose2(), id=1)
+    good = MemoryNode(1, Pose2(), id=1)
     store.write(Batch(nodes=(good,)))
-    store.write(Batch(nodes=(Node(2, Pose2(), id=2), good), states=(NodeState(2, 0, True, 0, Pose2()),)))
+    store.write(Batch(nodes=(MemoryNode(2, Pose2(), id=2), good), states=(NodeState(2, 0, True, 0, Pose2()),)))
     store.close()
     assert store.fault is not None
     again = LongTermStore(tmp_path / "memory.db")
@@ -446,5 +446,5 @@ def test_a_transaction_is_stored_completely_or_not_at_all(tmp_path: Path) -> Non
 def test_a_view_takes_as_much_disk_space_as_its_arrays() -> None:
     rng = np.random.default_rng(0)
     bits = rng.integers(0, 256, (500, 32), dtype=np.uint8)
-    node = Node(0, Pose2(), np.arange(500, dtype=np.int32), descriptors=bits)
+    node = MemoryNode(0, Pose2(), np.arange(500, dtype=np.int32), descriptors=bits)
     assert len(pack_features(node)) < 500 * (32 + 4)

@@ -18,7 +18,7 @@ from waychair.slam.camera import visual_odometry
 from waychair.slam.camera.feature_settings import FeatureSettings
 from waychair.slam.camera.features import extract, extract_sized
 from waychair.slam.camera.picture_registration import angle_between
-from waychair.slam.camera.tracked_picture import TrackingState
+from waychair.slam.camera.tracked_picture import PictureOutcome
 from waychair.slam.camera.visual_map import KeyFrame
 from waychair.slam.memory import memory_manager as memory
 from waychair.slam.memory.memory_manager import NodeMemory
@@ -41,7 +41,7 @@ def test_a_piece_started_elsewhere_is_joined_when_the_camera_returns(monkeypatch
     second = [render(pose((0, 1.9 - 0.05 * k, 0)), (60 + k) * STEP) for k in range(36)]
     mapper = RgbdMapper()
     states = [mapper.process(frame).state for frame in [*first, *second]]
-    assert states[6] is TrackingState.STARTED
+    assert states[6] is PictureOutcome.STARTED
     result = mapper.result()
     assert set(result.pieces) == {0}
     assert len(result.loops) >= 1
@@ -61,7 +61,7 @@ def test_a_camera_carried_to_half_or_twice_the_distance_is_found_at_once(before:
         mapper.process(render(pose((0, math.pi, 0), (0.05 * k, 0, before)), k * STEP))
     carried = pose((0, math.pi - 0.05, 0), (0.1, 0, after))
     tracked = mapper.process(render(carried, 40 * STEP))
-    assert tracked.state in (TrackingState.FOUND, TrackingState.FOLLOWED)
+    assert tracked.state in (PictureOutcome.FOUND, PictureOutcome.FOLLOWED)
     assert tracked.camera_from_map is not None
     first = pose((0, math.pi, 0), (0, 0, before))
     error = tracked.camera_from_map @ first.inverse() @ carried

@@ -14,7 +14,7 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import are_within, distance_field
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World, load_levels
-from waychair.trials.demo_page import DemoPage
+from waychair.trials.demo.demo_page import DemoPage
 from waychair.trials.travel.building_demo import is_building, riders_route, run_building_demo
 from waychair.trials.travel.building_demo_report import write_building_report
 from waychair.trials.travel.journeys import sites_of

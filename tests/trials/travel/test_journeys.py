@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.runtime.riding import coarse_arcs
-from waychair.control.journey.journey import Phase
+from waychair.control.journey.journey import JourneyPhase
 from waychair.errors import UnknownPlace
 from waychair.runtime.journeys import TravelState
 from waychair.simulation.lifts.car import LiftFault
@@ -24,7 +24,7 @@ def levels() -> tuple[World, ...]:
 
 
 def test_a_chair_rides_to_another_storey_and_drives_on_there(levels: tuple[World, ...]) -> None:
-    phases: list[Phase] = []
+    phases: list[JourneyPhase] = []
 
     def note(state: TravelState, simulator: Simulator) -> None:
         assert state.journey is not None
@@ -56,7 +56,7 @@ def test_a_chair_rides_to_another_storey_and_drives_on_there(levels: tuple[World
 @pytest.mark.nightly
 def test_a_push_of_the_joystick_in_the_car_holds_the_journey(levels: tuple[World, ...]) -> None:
     def push(state: TravelState, simulator: Simulator) -> None:
-        if state.journey is not None and state.journey.phase is Phase.RIDE:
+        if state.journey is not None and state.journey.phase is JourneyPhase.RIDE:
             simulator.rider = JoystickInput(simulator.now_ns, 0.0, 0.9)
 
     record = journey(levels, ("ground", "lift"), ("upper", "lift"), seed=1, people=False, on_tick=push)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.runtime.riding import coarse_arcs
-from waychair.control.journey.journey import Phase
+from waychair.control.journey.journey import JourneyPhase
 from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.journeys import TravelState
 from waychair.simulation.plan.world import load_levels
@@ -22,8 +22,10 @@ class Killed(Exception):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("phase", [Phase.DRIVE, Phase.WAIT, Phase.ENTER, Phase.RIDE, Phase.LEAVE])
-def test_the_lines_are_released_within_150_ms_of_a_kill_in_every_phase(phase: Phase) -> None:
+@pytest.mark.parametrize(
+    "phase", [JourneyPhase.DRIVE, JourneyPhase.WAIT, JourneyPhase.ENTER, JourneyPhase.RIDE, JourneyPhase.LEAVE]
+)
+def test_the_lines_are_released_within_150_ms_of_a_kill_in_every_phase(phase: JourneyPhase) -> None:
     since_ns: list[int] = []
 
     def kill(state: TravelState, simulator: Simulator) -> None:

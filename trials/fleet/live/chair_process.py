@@ -28,9 +28,9 @@ from waychair.runtime.chair import Chair
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
-from waychair.runtime.fleet.peer_process import clock_ns, fleet_of, new_boot
+from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of, new_boot
+from waychair.runtime.fleet.network.zenoh_transport import LocalBus, ZenohTransport
 from waychair.runtime.fleet.spot_sight import SpotSight
-from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of
 from waychair.trials.fleet.fleet_drive import ChairRun, Rider
@@ -142,7 +142,7 @@ class _Clock:
     steps: int = 0
 
 
-class LiveChair:
+class LiveFleetChair:
     """One chair with its member of the fleet, fed with steps of the world."""
 
     def __init__(
@@ -323,7 +323,7 @@ def serve(folder: Path, number: int) -> None:
         stack.callback(bus.close)
         transport = ZenohTransport(file, file.traffic_graph().fingerprint, mode=plan.mode, wake=wake)
         stack.callback(transport.close)
-        live = LiveChair(folder, plan, number, transport, bus.put)
+        live = LiveFleetChair(folder, plan, number, transport, bus.put)
         bus.received()  # steps from before it could answer
         bus.put(f"cable/{number}", encoded(HERE))
         stack.enter_context(present_left_out())

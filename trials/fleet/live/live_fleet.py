@@ -23,7 +23,7 @@ import numpy as np
 
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Reason, Wait
-from waychair.runtime.fleet.zenoh_transport import LocalBus
+from waychair.runtime.fleet.network.zenoh_transport import LocalBus
 from waychair.runtime.processes import Process, Supervision
 from waychair.trials.fleet.fleet_demo import FleetView, chair_view
 from waychair.trials.fleet.fleet_drive import LOCKED_UP_S, ChairRun, FleetRun, FleetScene, beyond

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from waychair.errors import WaychairError
-from waychair.runtime.fleet.peer_process import serve
+from waychair.runtime.fleet.network.peer_process import serve
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.fleet.live.live_plan import ROUTER, fleet_file, read_plan
 

@@ -25,12 +25,12 @@ from waychair.errors import WaychairError
 from waychair.files import write_json
 from waychair.firmware_bridge.board import HostBoard, board_program
 from waychair.garbage import present_left_out
-from waychair.runtime.fleet.zenoh_transport import LocalBus
+from waychair.runtime.fleet.network.zenoh_transport import LocalBus
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.pacing import PaceMode, Pacer
 from waychair.simulation.scene.seeds import chair_seed
-from waychair.trials.demo import randomised_settings
+from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, DriveSetup, board_settings
 from waychair.trials.fleet.fleet_drive import FleetScene, stands
 from waychair.trials.fleet.live.live_plan import GONE_S, WORLD, read_plan

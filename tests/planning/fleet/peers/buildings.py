@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tests.planning.fleet.small_traffic import traffic
 from waychair.planning.fleet.peers.messages import building_of
-from waychair.planning.fleet.peers.peer import Fleet, Own, OwnWish, Peer, Step
+from waychair.planning.fleet.peers.peer import Fleet, Own, OwnWish, Peer, PeerStep
 from waychair.planning.fleet.ways import Ways, ways_of
 
 TICK_NS = 100_000_000
@@ -36,7 +36,7 @@ class Desk:
         self.own = {number: Own((homes[number - 1],) if number <= chairs else ()) for number in self.peers}
         self.now_ns = 10**12
         self.hears: Callable[[int, int], bool] = lambda source, other: True
-        self.steps: dict[int, Step] = {}
+        self.steps: dict[int, PeerStep] = {}
         self.bus: list[tuple[int, int | None, bytes]] = []
 
     def wish(self, number: int, goal: str) -> None:

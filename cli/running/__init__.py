@@ -1,0 +1,1 @@
+"""Commands that start a chair's nodes, and commands for a chair that runs."""

@@ -1,0 +1,1 @@
+"""Drives that a mapper is scored by, and the scores."""
