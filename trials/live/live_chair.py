@@ -47,15 +47,7 @@ from waychair.trials.live.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live.live_map import LiveMap, plan_folder
 from waychair.trials.live.live_panel import BEFORE_START, panel_figures
 from waychair.trials.live.real_time import RealTimeLoop
-from waychair.types import (
-    DriveMode,
-    FloatArray,
-    Goal,
-    OccupancyGrid,
-    Place,
-    Pose2,
-    SensorMessage,
-)
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2, SensorMessage
 
 COUNTDOWN_S = 3.0
 """Time from the rider's confirmation to the first motion."""
