@@ -114,7 +114,7 @@ HAPTIC_STATE = RosTopic("haptics/state", "std_msgs/msg/String", RELIABLE)
 """The rider's glove and voice as a page shows them: a JSON object of `runtime.haptics.haptic_state.HapticState`."""
 
 OTHERS = RosTopic("other_chairs", "std_msgs/msg/String", RELIABLE)
-"""The other chairs of the building and the wait for one of them: a JSON object of `runtime.chair_port.OthersView`."""
+"""The other chairs of the building and the wait for one of them: a JSON object of `runtime.pages.chair_port.OthersView`."""
 
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
@@ -127,7 +127,7 @@ GUARD = RosTopic("guard", "waychair_msgs/msg/Guard", RELIABLE, BASE_FRAME)
 """The level of help while the rider drives, and the caps of the board's guard."""
 
 UNSCANNED = RosTopic("guard/unscanned", "std_msgs/msg/String", RELIABLE, MAP_FRAME)
-"""Drop-offs and things near the chair that no scan shows, for the guard: a JSON object of `runtime.guard_points.GuardPoints`."""
+"""Drop-offs and things near the chair that no scan shows, for the guard: a JSON object of `runtime.rider.guard_points.GuardPoints`."""
 
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 

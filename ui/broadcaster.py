@@ -45,7 +45,7 @@ GOALS_EVERY = 10
 """Views from one question for the building's goals to the next; their times change while the chair drives."""
 
 ANSWERS_S = 0.2
-"""A page counts as present for this time after its latest answer; the chair waits longer (`runtime.page_watch`)."""
+"""A page counts as present for this time after its latest answer; the chair waits longer (`runtime.pages.page_watch`)."""
 
 MOST_WAITING = 50
 """Greatest number of commands and answers that wait for one page; a working page never needs as many."""

@@ -1,4 +1,4 @@
-"""The message of step guidance: a JSON object of `runtime.chair_port.GuideView`, empty without guidance."""
+"""The message of step guidance: a JSON object of `runtime.pages.chair_port.GuideView`, empty without guidance."""
 
 from __future__ import annotations
 
