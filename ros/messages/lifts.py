@@ -21,7 +21,7 @@ class RequestType(enum.IntEnum):
     HUMAN = 2
 
 
-class LiftDoorState(enum.IntEnum):
+class DoorState(enum.IntEnum):
     """A lift's door."""
 
     CLOSED = 0
@@ -29,7 +29,7 @@ class LiftDoorState(enum.IntEnum):
     OPEN = 2
 
 
-class CarMotion(enum.IntEnum):
+class MotionState(enum.IntEnum):
     """A lift's car."""
 
     STOPPED = 0
@@ -58,7 +58,7 @@ class LiftRequest:
     session: str
     kind: RequestType
     floor: str
-    door: LiftDoorState = LiftDoorState.OPEN
+    door: DoorState = DoorState.OPEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ class LiftState:
     floors: tuple[str, ...]
     floor: str
     destination: str = ""
-    door: LiftDoorState = LiftDoorState.CLOSED
-    motion: CarMotion = CarMotion.STOPPED
+    door: DoorState = DoorState.CLOSED
+    motion: MotionState = MotionState.STOPPED
     mode: LiftMode = LiftMode.HUMAN
     session: str = ""
 
@@ -104,7 +104,7 @@ def read_lift_request(message: Any) -> LiftRequest:
         session=str(message.session_id),
         kind=_value(RequestType, message.request_type),
         floor=str(message.destination_floor),
-        door=_value(LiftDoorState, message.door_state),
+        door=_value(DoorState, message.door_state),
     )
 
 
@@ -137,8 +137,8 @@ def read_lift_state(message: Any) -> LiftState:
         floors=tuple(map(str, message.available_floors)),
         floor=str(message.current_floor),
         destination=str(message.destination_floor),
-        door=_value(LiftDoorState, message.door_state),
-        motion=_value(CarMotion, message.motion_state),
+        door=_value(DoorState, message.door_state),
+        motion=_value(MotionState, message.motion_state),
         mode=_value(LiftMode, message.current_mode),
         session=str(message.session_id),
     )

@@ -8,10 +8,10 @@ from typing import Any
 
 from waychair.ros import topics
 from waychair.ros.messages.lifts import (
-    CarMotion,
-    LiftDoorState,
+    DoorState,
     LiftRequest,
     LiftState,
+    MotionState,
     RequestType,
     lift_request,
     read_lift_state,
@@ -74,7 +74,7 @@ class LiftAdapter:
         arrived_ns, state = self._states.get(lift, (0, None))
         if state is None or self._node.now_ns() - arrived_ns > TOLD_S * 1e9:
             return None
-        stands = state.motion is CarMotion.STOPPED and state.door is LiftDoorState.OPEN
+        stands = state.motion is MotionState.STOPPED and state.door is DoorState.OPEN
         return state.floor if stands else None
 
     def end(self, lift: str) -> None:

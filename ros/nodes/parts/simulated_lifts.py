@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from waychair.errors import WorldError
-from waychair.ros.messages.lifts import CarMotion, LiftDoorState, LiftMode, LiftRequest, LiftState, RequestType
+from waychair.ros.messages.lifts import DoorState, LiftMode, LiftRequest, LiftState, MotionState, RequestType
 from waychair.simulation.lifts.lifts import Lifts
 
 SESSION_S = 5.0
@@ -76,7 +76,7 @@ class SimulatedLiftAdapter:
                 continue
             view, floor = self._lifts.view(lift), session.request.floor
             there = not view.riding and view.level == floor
-            holds = there and session.request.kind is RequestType.AGV and session.request.door is LiftDoorState.OPEN
+            holds = there and session.request.kind is RequestType.AGV and session.request.door is DoorState.OPEN
             self._lifts.hold(lift, session.request.session, holds)
             if (not there or view.opened < 1.0) and now_ns - session.pressed_ns > PRESS_S * 1e9:
                 session.pressed_ns = now_ns
@@ -96,11 +96,11 @@ class SimulatedLiftAdapter:
     def _state(self, lift: str, now_ns: int) -> LiftState:
         view, known, session = self._lifts.view(lift), self._lifts.lifts[lift], self._sessions.get(lift)
         came_from = self._lifts.came_from(lift)
-        motion = CarMotion.STOPPED
+        motion = MotionState.STOPPED
         if view.riding:
             up = known.stops.index(view.level) > known.stops.index(came_from)
-            motion = CarMotion.UP if up else CarMotion.DOWN
-        door = {0.0: LiftDoorState.CLOSED, 1.0: LiftDoorState.OPEN}.get(view.opened, LiftDoorState.MOVING)
+            motion = MotionState.UP if up else MotionState.DOWN
+        door = {0.0: DoorState.CLOSED, 1.0: DoorState.OPEN}.get(view.opened, DoorState.MOVING)
         return LiftState(
             stamp_ns=now_ns,
             lift=lift,

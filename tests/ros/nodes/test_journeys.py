@@ -26,11 +26,11 @@ from waychair.ros import topics
 from waychair.ros.messages.chair import DriveReport
 from waychair.ros.messages.floor import Floor, StoreyGoal, read_journey_state, storey_goal
 from waychair.ros.messages.lifts import (
-    CarMotion,
-    LiftDoorState,
+    DoorState,
     LiftMode,
     LiftRequest,
     LiftState,
+    MotionState,
     RequestType,
     lift_request,
     lift_state,
@@ -53,7 +53,7 @@ ASK = LiftRequest(5 * S, "lift", "waychair", RequestType.AGV, "upper")
 
 
 def test_requests_and_states_arrive_unchanged_and_wrong_ones_are_named() -> None:
-    state = LiftState(7, "A", ("g", "1"), "g", "1", LiftDoorState.MOVING, CarMotion.UP, LiftMode.AGV, "waychair")
+    state = LiftState(7, "A", ("g", "1"), "g", "1", DoorState.MOVING, MotionState.UP, LiftMode.AGV, "waychair")
     for sent, made, read in ((ASK, lift_request, read_lift_request), (state, lift_state, read_lift_state)):
         message = made(sent)
         assert read(deserialised(serialised(message), message.__msgtype__)) == sent
@@ -85,13 +85,13 @@ def test_a_simulated_lift_serves_one_session_and_keeps_its_door_open_until_the_e
     bottom, top = lifts.lifts[name].stops
     up = replace(ASK, lift=name, floor=top)
     moving = run(3.0, up)
-    assert (moving.motion, moving.floor, moving.session) == (CarMotion.UP, bottom, "waychair")
+    assert (moving.motion, moving.floor, moving.session) == (MotionState.UP, bottom, "waychair")
     stands = run(25.0, up)
-    assert (stands.motion, stands.floor, stands.door) == (CarMotion.STOPPED, top, LiftDoorState.OPEN)
+    assert (stands.motion, stands.floor, stands.door) == (MotionState.STOPPED, top, DoorState.OPEN)
     other = run(10.0, up, replace(up, session="robot", floor=bottom), up)
     assert (other.floor, other.session) == (top, "waychair")  # a second session waits
     ended = run(20.0, replace(up, kind=RequestType.END_SESSION))
-    assert (ended.door, ended.session, ended.mode) == (LiftDoorState.CLOSED, "", LiftMode.HUMAN)
+    assert (ended.door, ended.session, ended.mode) == (DoorState.CLOSED, "", LiftMode.HUMAN)
     assert run(SESSION_S + 1.0, replace(up, session="robot")).session == "robot"
     assert run(SESSION_S + 1.0).session == ""  # its requester has died
     adapter.hear(replace(up, floor="attic"))
