@@ -33,7 +33,7 @@ _LOOKED_AT = 5.0
 class Authority:
     """How far a chair may drive: not over the stop `line` (2, 2) [m] in map, from end to end; None: as far as it likes.
 
-    With `stands` it may not move at all. `reason` is a sentence for the rider that waits. `speed` [m/s] is the highest on the way.
+    With `stands` it may not move at all. `reason` is a sentence for the rider that waits. `speed` [m/s] is the highest one.
     """
 
     line: FloatArray | None = None

@@ -244,9 +244,9 @@ class Chair:
         return guard_view(self._base.guard, telemetry)
 
     def lead(self, goal: Place) -> str:
-        """Lead the rider, who drives, to a place by touch and voice, by the rider's own act; return a sentence about it.
+        """Lead the driving rider to a place by touch and voice, by the rider's own act; return a sentence about it.
 
-        A rider who has chosen the guard is guarded and led from now on; one who is informed stays without a guard.
+        At the level guard the rider is guarded and led from now on; at the level inform there is no guard either.
         """
         if self.haptics is None:
             return NOBODY_LEADS

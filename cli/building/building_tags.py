@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonNegativeInt, check_picture
 
 
-def tag_command(number: NonNegativeInt, /, *, out: Path) -> None:
+def tag_command(number: NonNegativeInt, /, *, out: Annotated[Path, Parameter(name=["--out", "-o"])]) -> None:
     """Write an AprilTag as a picture to print. Hung on a wall, and set as a beacon in the editor, it tells a chair where it is.
 
     Parameters

@@ -25,17 +25,17 @@ def learn_command(
     export: NonEmptyPath | None = None,
     quiet: bool = False,
 ) -> None:
-    """Play the game at rest, and keep what was learnt on this computer.
+    """Play the game at rest, and keep the learnt figures on this computer.
 
     The rider feels a symbol and answers by a joystick that moves no chair: held pushes for forward, back and turns, a short
-    push for a nudge. What was learnt is used by the guidance: how late the rider answers, and which symbols are mixed up.
+    push for a nudge. The guidance uses them: the delay of the answers, and the symbols that are mixed up.
 
     Parameters
     ----------
     profile
         The rider's file (see `waychair haptics tune`).
     learnt
-        File of what was learnt; default waychair/learnt.json in the user's data folder. With --driver nothing is kept
+        File of the learnt figures; default waychair/learnt.json in the user's data folder. With --driver nothing is kept
         unless this is given.
     port
         The glove's port: /dev/ttyUSB1, pty:/dev/pts/N or tcp:HOST:PORT.

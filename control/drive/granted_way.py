@@ -23,7 +23,7 @@ class GrantedWay:
         return self.authority.stands or (self.authority.line is not None and self._left() < HELD_WITHIN)
 
     def fastest(self, limits: DwaSettings) -> float:
-        """Return the highest speed [m/s] that is granted, and from which the chair still stops in comfort before its stop line."""
+        """Return the highest granted speed [m/s] from which the chair still stops in comfort before its stop line."""
         return min(self.authority.speed, fastest_before(self._left(), self._now.command.v, limits))
 
     def _left(self) -> float:

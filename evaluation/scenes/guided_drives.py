@@ -108,6 +108,7 @@ def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: GuidedBars
         "symbols_per_s": round(sum(each.symbols for each in found) / max(driven_s, 1e-9), 2),
         "contacts": len(speeds),
         "fastest_contact": round(max(speeds, default=0.0), 3),
+        "touched": touched,
         "touched_bound_95": round(upper_bound(touched, len(found)), 4),
         "bumped_by_people": sum(each.bumped for each in found),
         "near_misses": sum(each.near_misses for each in found),

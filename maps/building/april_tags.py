@@ -48,8 +48,3 @@ def tag_picture(number: int) -> Bytes:
     """
     levels = np.where(tag_parts(number), 0, 255).astype(np.uint8)
     return np.kron(levels, np.ones((_PIXELS, _PIXELS), np.uint8))
-
-
-def number_of(beacon: str) -> int | None:
-    """Return the number of the tag that a beacon's id names; None if it names none."""
-    return int(beacon) if beacon.isascii() and beacon.isdigit() and int(beacon) < MOST else None

@@ -1,15 +1,15 @@
-"""The glove node: tells and leads a rider who cannot see, by glove and voice. It drives nothing, and nothing waits for it.
+"""The glove node: it tells and leads a rider without sight by glove and voice. It drives nothing, and nothing waits for it.
 
 | takes | |
 |---|---|
 | haptics/advice | symbols of other nodes to be felt and heard, each valid for a while |
 | map, floor, localisation, odom, scan | to lead the rider: the map, the pose on it, and new things |
-| guard, drive_state, stop | the level of help, whether the stick is held back, who drives, and Stop |
-| perception/state | what is round the chair, for a rider who asks |
+| guard, drive_state, stop | the level of help, a stick that is held back, the driver, and Stop |
+| perception/state | the things round the chair, for a rider that asks |
 
 | sends | |
 |---|---|
-| haptics/state | the glove, the present step, the symbol said last and why it was not felt, as a page shows them |
+| haptics/state | the glove, the present step, the last symbol and the reason if it was not felt, as a page shows them |
 
 Services: `haptics/lead` (waychair_msgs/Lead: a place of the map), `haptics/end`, `haptics/say_again`, `haptics/say_where`
 (std_srvs/Trigger).

@@ -22,9 +22,7 @@ FLEET, LAN = "WAYCHAIR_FLEET", "WAYCHAIR_FLEET_LAN"
 
 
 class ChairFleet(NamedTuple):
-    """What a chair has of its fleet: what all know, its own number, its end of the network, its log, and the file in which it keeps
-    who is counted.
-    """
+    """A chair's part of its fleet: the knowledge of all, its number, its end of the network, its log, and the file of its electorate."""
 
     fleet: Fleet
     number: int
@@ -52,7 +50,10 @@ def fleet_environment(path: Path, lan: bool) -> dict[str, str]:
 
 
 def joined_fleet(environment: Mapping[str, str] = os.environ) -> ChairFleet:
-    """Return the fleet of the environment, joined; raises as `fleet_environment`, and FleetError where a port is taken, or the log cannot be opened."""
+    """Return the fleet of the environment, joined.
+
+    Raises as `fleet_environment`, and FleetError where a port is taken, or the log cannot be opened.
+    """
     path = environment.get(FLEET, "")
     if not path:
         raise FleetError(f"no fleet is named: give `waychair up --fleet`, or set {FLEET}")

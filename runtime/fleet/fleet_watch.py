@@ -1,4 +1,4 @@
-"""What all chairs of a fleet say of themselves, for a terminal: who is there, in which mode, who orders, and who waits."""
+"""The States of all chairs of a fleet, for a terminal: the chairs that are there, their modes, the warden, and the waits."""
 
 from __future__ import annotations
 

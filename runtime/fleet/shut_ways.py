@@ -1,4 +1,4 @@
-"""Which section a chair finds shut: it has stood before it for a while, for something that is no other chair."""
+"""The section that a chair finds shut: it has stood before it for a while, for something that is no other chair."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ShutWays:
     def step(
         self, now_ms: int, navigation: Navigation, pose: Pose2, held: bool, others: Iterable[Pose2]
     ) -> dict[str, int]:
-        """Return the section that is shut before a chair at `map_from_base`, with the time for which that counts [ms], once.
+        """Return the section that is shut before a chair at `pose` in map, with the time for which that counts [ms], once.
 
         `held`: it stands for another chair. `others`: poses of the other chairs in map, as far as they are known.
         """

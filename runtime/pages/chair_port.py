@@ -1,6 +1,6 @@
 """The interface between a page and a chair, with its data types. A chair in this program and one behind ROS offer it.
 
-Calls come from the web server's threads, return within `ANSWER_S` and never raise: a refusal is an `PortAnswer` with the
+Calls come from the web server's threads, return within `ANSWER_S` and never raise: a refusal is a `PortAnswer` with the
 reason and the remedy.
 """
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 pytestmark = ALONE
 
 FAR = Pose2(10.4, 4.5, math.pi)
+TRIES = 5
+"""A busy computer may end a drive."""
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +59,15 @@ def test_a_goal_by_topic_that_is_refused_is_answered_in_log_and_status_until_one
     told = waychair(stack.domain, "status").stdout
     assert "last goal     the goal 400.00, 1.00 was refused: " in told
     stack.until_ready(node.get_clock().now().nanoseconds)  # until then a goal is dropped, as of a chair without a pose
-    assert stack.client.go_to_pose(FAR)
-    stack.until(lambda: stack.state is not None and not stack.state.last_goal, "the refusal to be forgotten")
-    assert stack.client.cancel() == (True, "cancelled")
+    said = ""
+    for _ in range(TRIES):
+        assert stack.client.go_to_pose(FAR)
+        stack.until(lambda: stack.state is not None and not stack.state.last_goal, "the refusal to be forgotten")
+        done, said = stack.client.cancel()
+        assert done
+        if said == "cancelled":
+            break
+    assert said == "cancelled"
     node.destroy_publisher(publisher)
 
 

@@ -40,6 +40,9 @@ SOON_MS = 100.0
 TRIES = 5
 """A busy computer may end a drive."""
 
+PATIENCE_OF_DRIVES_S = 240.0
+"""A drive that a busy computer ends is asked for again this long: a machine shared with other work recovers in minutes."""
+
 NEAR = [1.9, 1.0, 0.0]
 
 
@@ -138,7 +141,7 @@ def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool], **goal: ob
             asked_s = time.monotonic()
         return False
 
-    stack.until(done, "the drive", 60.0)
+    stack.until(done, "the drive", PATIENCE_OF_DRIVES_S)
 
 
 def until_ready(stack: LiveStack, page: Page) -> None:

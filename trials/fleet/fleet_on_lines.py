@@ -1,4 +1,4 @@
-"""Chairs without mass on the corridors of a floor plan, whose members of a fleet are real: goals, waits, and words for riders.
+"""Chairs without mass on the corridors of a floor plan. Their members of a fleet are real: goals, waits, and words for riders.
 
 Each chair follows the line of its chain up to its stop line at an even speed, with no network between them that loses anything. It
 goes from place to place.
@@ -7,6 +7,7 @@ goes from place to place.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -33,7 +34,7 @@ _FIRST_BOOT = 1_000
 class CarriedMessages:
     """A network that brings everything by the next step."""
 
-    def __init__(self, numbers: range) -> None:
+    def __init__(self, numbers: Iterable[int]) -> None:
         self._boxes = {number: (deque[tuple[int, bytes]](), deque[tuple[int, bytes]]()) for number in numbers}
 
     def carry(self, sender: int, to: int | None, kind: str, data: bytes) -> None:
@@ -55,11 +56,11 @@ class CarriedEnd:
         self._messages, self._number = messages, number
 
     def send(self, to: int | None, kind: str, data: bytes) -> None:
-        """See `Transport`."""
+        """See `PeerTransport`."""
         self._messages.carry(self._number, to, kind, data)
 
     def received(self) -> list[tuple[int, bytes]]:
-        """See `Transport`."""
+        """See `PeerTransport`."""
         return self._messages.emptied(self._number, aside=False)
 
     def received_aside(self) -> list[tuple[int, bytes]]:
@@ -67,7 +68,7 @@ class CarriedEnd:
         return self._messages.emptied(self._number, aside=True)
 
     def close(self) -> None:
-        """See `Transport`."""
+        """See `PeerTransport`."""
 
 
 class ChairOnLine:

@@ -169,7 +169,6 @@ class GuidedTrial:
         if self._guide is not None and self._guide.leader.goal is not None:
             self._guide.end("the drive has ended")
         rows = np.array(self._rows or [self._row()])
-        driver = self._helped.parts.driver
         error_m = math.hypot(rows[-1, 1] - goal.pose.x, rows[-1, 2] - goal.pose.y)
         return GuidedRecord(
             goal=goal.name,

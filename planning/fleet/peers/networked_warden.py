@@ -1,4 +1,4 @@
-"""The warden of a district over a network: it hears States, and answers with what each chair may enter now.
+"""The warden of a district over a network: it hears States, and answers with the spots that each chair may enter now.
 
 It keeps an order as `warden.py` does, with one difference: a spot counts as entered from the moment in which the warden allows it,
 not from the moment in which the chair is there. So no later plan takes back what a chair may be doing just then. A chair that

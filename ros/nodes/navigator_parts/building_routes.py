@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.action import ActionServer
 from rclpy.duration import Duration
 from rclpy.task import Future
@@ -24,7 +23,7 @@ from waychair.maps.drawn.places import PLACES_YAML
 from waychair.maps.drawn.zones import ZONES_YAML, load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.planning.building.hierarchical import RoutePlanner
-from waychair.planning.building.learnt_drives import building_of_map, learn_drive
+from waychair.planning.building.learnt_drives import building_of_map
 from waychair.planning.building.pose_ends import nearest_node
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.ros import topics
@@ -34,6 +33,7 @@ from waychair.ros.messages.routes import graph_markers, require_ids, route, rout
 from waychair.ros.messages.wire import native
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.worker import Worker
+from waychair.runtime.drive_times import RecordedDrive
 from waychair.runtime.rider.habits import Habits, default_path
 from waychair.types import Pose2
 
@@ -68,14 +68,6 @@ class _Known:
     storey: str
 
 
-@dataclass(slots=True)
-class _Recorded:
-    """The drive that is being recorded: stamps [ns] by the steady clock, and places [m] in map."""
-
-    stamps: list[int] = field(default_factory=list)
-    points: list[tuple[float, float]] = field(default_factory=list)
-
-
 @dataclass(frozen=True, slots=True)
 class _Answer:
     """The answer to a request: rclpy's result, and whether there is a route."""
@@ -100,7 +92,7 @@ class BuildingRoutes:
         self._type = interface_type("nav2_msgs/action/ComputeRoute")
         self._worker = Worker(node, _WAITING)  # its own: a long answer delays no map, and no answer is dropped
         self._known: _Known | None = None
-        self._recorded = _Recorded()
+        self._recorded = RecordedDrive()  # by the steady clock
         self._files: tuple[int, ...] = ()
         self._send_graph = node.publisher(topics.BUILDING_GRAPH)
         server = ActionServer(
@@ -115,7 +107,7 @@ class BuildingRoutes:
     def follow(self, folder: Path) -> None:
         """Answer for the building of another map folder from now on; the drive that was recorded is forgotten."""
         if folder != self._folder:
-            self._folder, self._recorded, self._files = folder, _Recorded(), ()
+            self._folder, self._recorded, self._files = folder, RecordedDrive(), ()
             self._load()
 
     def _load(self) -> None:
@@ -227,20 +219,19 @@ class BuildingRoutes:
         now = self._now()
         if now.drives:
             if now.pose is not None:
-                self._recorded.stamps.append(time.monotonic_ns())
-                self._recorded.points.append((now.pose.x, now.pose.y))
+                self._recorded.add(time.monotonic_ns(), now.pose)
             return
-        drive, self._recorded = self._recorded, _Recorded()
-        if now.arrived and self._known is not None and len(drive.stamps) > 1:
+        drive, self._recorded = self._recorded, RecordedDrive()
+        if now.arrived and self._known is not None and drive.tells:
             self._worker.submit(lambda: self._learn(drive), self._learnt)
 
-    def _learn(self, drive: _Recorded) -> str:
+    def _learn(self, drive: RecordedDrive) -> str:
         """Learn a drive's times if the rider has said yes to a record; return the sentence of a failure, "" without one."""
         try:
             wanted = self._folder is not None and Habits(default_path()).wanted
             found = building_of_map(self._folder) if self._folder is not None and wanted else None
             if found is not None:
-                learn_drive(*found, np.array(drive.stamps, np.int64), np.array(drive.points))
+                drive.teach(*found)
         except WaychairError as error:
             return str(error)
         return ""

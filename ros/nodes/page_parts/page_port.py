@@ -6,7 +6,6 @@ Messages arrive in the node's executor. Requests of a page come from the web ser
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -44,6 +43,7 @@ from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
+from waychair.ros.nodes.page_parts.executor_answers import in_executor, wait_for
 from waychair.ros.nodes.page_parts.heard_haptics import HeardSenses
 from waychair.ros.nodes.page_parts.page_building import PageBuilding
 from waychair.ros.nodes.page_parts.page_figures import figures
@@ -276,10 +276,10 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
             return PortAnswer(False, "the navigator does not answer: wait until it is back")
         asked = interface_type("nav2_msgs/action/NavigateToPose").Goal()
         asked.pose = native(pose_stamped(self._node.now_ns(), pose))
-        handle = _wait_for(self._action.send_goal_async(asked))
+        handle = wait_for(in_executor(self._node, lambda: self._action.send_goal_async(asked)))
         if handle is None or not handle.accepted:
             return PortAnswer(False, "the navigator rejected this goal: check that it runs")
-        ended, goal_id = handle.get_result_async(), goal_id_of(handle.goal_id)
+        ended, goal_id = in_executor(self._node, handle.get_result_async), goal_id_of(handle.goal_id)
         until = time.monotonic() + ANSWER_S / 2
         while time.monotonic() < until:
             if ended.done():
@@ -371,7 +371,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
         if not client.service_is_ready():
             return PortAnswer(False, f"no node offers '{client.srv_name}': wait until the chair's nodes are back")
         asked = client.call_async(request)
-        answer = _wait_for(asked)
+        answer = wait_for(asked)
         if answer is None:
             client.remove_pending_request(asked)
             return PortAnswer(False, f"'{client.srv_name}' was not answered: check that the chair stands still")
@@ -482,10 +482,3 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
 def _stage(text: str) -> Stage:
     return Stage(text) if text in {stage.value for stage in Stage} else Stage.IDLE
-
-
-def _wait_for(future: Any) -> Any:
-    """Wait for an answer that arrives in the executor's thread, and return it; None after the timeout."""
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    return future.result() if done.wait(0.8 * ANSWER_S) else None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.runtime.fleet.test_fleet_member import DESK, ROOMS, STEP_NS, WAYS, End, Ward
+from tests.runtime.fleet.test_fleet_member import DESK, ROOMS, STEP_NS, WAYS, Ward
 from waychair.planning.fleet.peers.messages import Electorate
 from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
 from waychair.runtime.fleet.fleet_member import FleetMember
+from waychair.trials.fleet.fleet_on_lines import CarriedEnd
 
 NUMBERS = (1, 2, DESK)
 
@@ -31,7 +32,7 @@ def test_a_chair_that_is_parked_is_counted_no_more_and_knows_so_after_its_restar
     ward, memory = Ward(), tmp_path / "electorate2.json"
     old = ward.members[2]
     ward.members[2] = FleetMember(
-        ward.voter.fleet, 2, 202, old.driver.driver, ward.starts[2], End(ward.air, 2), memory=memory
+        ward.voter.fleet, 2, 202, old.driver.driver, ward.starts[2], CarriedEnd(ward.air, 2), memory=memory
     )
     ward.run(6)
     ward.members[2].park()
@@ -39,7 +40,7 @@ def test_a_chair_that_is_parked_is_counted_no_more_and_knows_so_after_its_restar
     assert ward.members[1].driver.peer.voter.electorate.members == (1, DESK)
     kept = kept_electorate(memory, NUMBERS)
     assert kept == ward.members[1].driver.peer.voter.electorate
-    again = FleetMember(ward.voter.fleet, 2, 302, old.driver.driver, ROOMS[-1], End(ward.air, 2), memory=memory)
+    again = FleetMember(ward.voter.fleet, 2, 302, old.driver.driver, ROOMS[-1], CarriedEnd(ward.air, 2), memory=memory)
     assert again.driver.peer.voter.electorate == kept
 
 

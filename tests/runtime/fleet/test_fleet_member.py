@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from pathlib import Path
 
 from waychair.calibration.chair_body import CHAIR_A
@@ -22,6 +21,7 @@ from waychair.runtime.fleet.desk.staff_desk import StaffDesk
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
 from waychair.runtime.fleet.shut_ways import NO_WAY_ROUND_MS
 from waychair.runtime.pages.chair_port import OthersView
+from waychair.trials.fleet.fleet_on_lines import CarriedEnd, CarriedMessages
 from waychair.trials.fleet.fleet_scenes import places_in_rooms
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
@@ -34,48 +34,8 @@ DESK = 9
 KEY = "open sesame"
 
 
-class Air:
-    """A network without faults: what is sent is there in the next step."""
-
-    def __init__(self, numbers: list[int]) -> None:
-        self.peers = {number: deque[tuple[int, bytes]]() for number in numbers}
-        self.aside = {number: deque[tuple[int, bytes]]() for number in numbers}
-
-    def send(self, sender: int, to: int | None, kind: str, data: bytes) -> None:
-        """Deliver bytes."""
-        for number in self.peers if to is None else (to,):
-            if number != sender:
-                (self.aside if kind in ("told", "given") else self.peers)[number].append((sender, data))
-
-
-class End:
-    """A member's end of it."""
-
-    def __init__(self, air: Air, number: int) -> None:
-        self._air, self._number = air, number
-
-    def send(self, to: int | None, kind: str, data: bytes) -> None:
-        """See `Transport`."""
-        self._air.send(self._number, to, kind, data)
-
-    def received(self) -> list[tuple[int, bytes]]:
-        """See `Transport`."""
-        return _emptied(self._air.peers[self._number])
-
-    def received_aside(self) -> list[tuple[int, bytes]]:
-        """See `FleetTransport`."""
-        return _emptied(self._air.aside[self._number])
-
-    def close(self) -> None:
-        """See `Transport`."""
-
-
 GOALS = {1: ROOMS[-2], 2: ROOMS[1]}
 """Goals for which the two meet in a corridor in which they cannot pass."""
-
-
-def _emptied(queue: deque[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    return [queue.popleft() for _ in range(len(queue))]
 
 
 class Ward:
@@ -86,7 +46,7 @@ class Ward:
 
     def __init__(self, log: AuditFile | None = None) -> None:
         fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1, 2)), frozenset((DESK,)))
-        self.air = Air([1, 2, DESK])
+        self.air = CarriedMessages([1, 2, DESK])
         self.starts = {1: ROOMS[0], 2: ROOMS[-1]}
         self.members = {
             number: FleetMember(
@@ -95,12 +55,12 @@ class Ward:
                 100 + number,
                 ChainDriver(WAYS, number, CHAIR_A, PLACES),
                 start,
-                End(self.air, number),
+                CarriedEnd(self.air, number),
                 log if number == 1 else None,
             )
             for number, start in self.starts.items()
         }
-        self.voter, self.end = Peer(fleet, DESK, 109), End(self.air, DESK)
+        self.voter, self.end = Peer(fleet, DESK, 109), CarriedEnd(self.air, DESK)
         self.staff = StaffDesk(KEY)
         self.desk = LiveDesk(fleet, self.staff)
         self.now_ns = 10**10
@@ -163,7 +123,7 @@ def test_a_chair_takes_a_priority_from_the_desk_and_has_its_own_again_when_the_d
     ward.run(6)
     for number in (1, 2):
         ward.members[number].want(GOALS[number], ward.now_ns)
-    ward.air.send(1, 2, "given", note_bytes(Given(2, 3)))
+    ward.air.carry(1, 2, "given", note_bytes(Given(2, 3)))
     ward.run(1)
     assert {row["chair"]: row["priority"] for row in ward.desk.view(ward.now_ns)["chairs"]} == {
         1: "routine",

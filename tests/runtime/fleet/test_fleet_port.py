@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.runtime.fleet.test_fleet_member import GRAPH, PLACES, PLAN, ROOMS, WAYS, Air, End
+from tests.runtime.fleet.test_fleet_member import GRAPH, PLACES, PLAN, ROOMS, WAYS
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.authority import FREE
 from waychair.errors import FleetError
@@ -17,6 +17,7 @@ from waychair.runtime.fleet.fleet_port import FleetPort
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pilot import Pilot
 from waychair.simulation.plan.corridor_world import corridor_world
+from waychair.trials.fleet.fleet_on_lines import CarriedEnd, CarriedMessages
 from waychair.types import Goal, Pose2
 
 GRID = corridor_world(PLAN, 1.2, rooms=True).grid
@@ -29,8 +30,8 @@ class Alone:
 
     def __init__(self) -> None:
         self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1,)))
-        self.air = Air([1, 2])
-        self.port = FleetPort(self.fleet, 1, 101, End(self.air, 1), CHAIR_A, GRID, PLACES, self.redraw)
+        self.air = CarriedMessages([1, 2])
+        self.port = FleetPort(self.fleet, 1, 101, CarriedEnd(self.air, 1), CHAIR_A, GRID, PLACES, self.redraw)
         self.pilot = Pilot(GRID, PLACES, CHAIR_A)
         self.now_ns = 10**10
 
@@ -51,9 +52,9 @@ class Alone:
         self.port.ask(GOAL.pose, self.now_ns)
 
     def state(self) -> State:
-        """Return the last State that others heard."""
+        """Return the last State that others heard since the last call."""
         reader = Reader(self.fleet.building)
-        letters = [reader.read(data)[0] for _, data in self.air.peers[2]]
+        letters = [reader.read(data)[0] for _, data in self.air.emptied(2, aside=False)]
         return [each.body for each in letters if each is not None and isinstance(each.body, State)][-1]
 
 
@@ -100,7 +101,7 @@ def test_goals_off_the_graph_and_maps_without_its_places_are_refused() -> None:
         chair.port.ask(Pose2(8.0, 3.0, 0.0), 0)
     some = {name: place for name, place in PLACES.items() if name != ROOMS[2]}
     with pytest.raises(FleetError, match=f"the map has no place '{ROOMS[2]}'"):
-        FleetPort(chair.fleet, 1, 101, End(chair.air, 1), CHAIR_A, GRID, some, chair.redraw)
+        FleetPort(chair.fleet, 1, 101, CarriedEnd(chair.air, 1), CHAIR_A, GRID, some, chair.redraw)
 
 
 def test_a_pose_between_two_spots_is_in_both() -> None:

@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import BuildingError
 from waychair.geometry import in_space, wrap_angle
-from waychair.maps.building.april_tags import MOST, PARTS, number_of, tag_parts, tag_picture
+from waychair.maps.building.april_tags import MOST, PARTS, tag_parts, tag_picture
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.scene import Block, WallTag
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
@@ -75,4 +75,3 @@ def test_a_printed_tag_is_read_again_and_no_number_of_another_family_is_made() -
     assert tag_parts(123)[1, 1 : PARTS - 1].all()
     with pytest.raises(BuildingError, match="there is no AprilTag 587: take a number from 0 to 586"):
         tag_parts(MOST)
-    assert [number_of(text) for text in ("7", "587", "door", "²")] == [7, None, None, None]
