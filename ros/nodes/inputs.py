@@ -30,6 +30,9 @@ _QUEUE_S = 0.1  # s; messages of this time are queued while the node is busy
 _CHAIR_NODES = frozenset(("bridge", "cells", "mapper", "navigator", "page", "recorder"))
 """The nodes of a chair that subscribe to topics of drivers."""
 
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # of the ROS middleware, for a publisher that is discovered before its node is
+_NAMELESS = "a node whose name is not known yet"
+
 SLOW_FRACTION = 0.8
 """A topic below this fraction of its nominal rate is reported as slow."""
 
@@ -110,7 +113,8 @@ class Input(Generic[T]):
 
         wanted = profile(self.topic.qos)
         for offer in self._node.get_publishers_info_by_topic(self.name):
-            sender = f"{offer.node_namespace.rstrip('/')}/{offer.node_name}"
+            known = offer.node_name != _UNKNOWN_NODE
+            sender = f"{offer.node_namespace.rstrip('/')}/{offer.node_name}" if known else _NAMELESS
             if offer.topic_type != self.topic.type:
                 return f"{sender} sends {offer.topic_type} on {self.name}, not {self.topic.type}: remap one of them"
             verdict, reason = qos_check_compatible(offer.qos_profile, wanted)
@@ -176,9 +180,9 @@ class Input(Generic[T]):
             self._take(value)
 
     def _current_publisher_problem(self) -> str:
-        """Return `publisher_problem`, updated when the number of publishers changes, and log it once."""
+        """Return `publisher_problem`, updated when the number of publishers changes, or a name may be known; log it once."""
         senders = self._node.count_publishers(self.name)
-        if senders != self._publisher_count:
+        if senders != self._publisher_count or _NAMELESS in self._publisher_problem:
             before, self._publisher_count, self._publisher_problem = (
                 self._publisher_problem,
                 senders,

@@ -215,7 +215,7 @@ def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -
     stack.until(lambda: not stack.driving, "the drive to end", 5.0)
     stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest", 10.0)
     page.view = {}
-    stack.until(lambda: page.view.get("last"), "the page to be back", 30.0)
+    stack.until(lambda: page.view.get("last"), "the page to be back", PATIENCE_OF_DRIVES_S)
     assert stack.state is not None
     assert page.view["last"] == sentence(stack.state.last_stop)  # known to the new server too
     assert not stack.driving

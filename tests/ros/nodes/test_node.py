@@ -129,8 +129,30 @@ publisher = node.create_publisher(sensor_msgs.msg.Imu, "scan", 5)
 rclpy.spin(node)
 """
     with plain_node(ros), ros.process("-c", lidar):
-        report = ros.report("plain: input scan", lambda report: "sensor_msgs/msg/Imu" in report.message)
-    assert report.message.startswith("/lidar sends sensor_msgs/msg/Imu on /scan, not sensor_msgs/msg/LaserScan")
+        says = "/lidar sends sensor_msgs/msg/Imu on /scan, not sensor_msgs/msg/LaserScan"
+        report = ros.report("plain: input scan", lambda report: report.message.startswith(says))
+    assert report.level is DiagnosticLevel.ERROR
+
+
+def test_a_publisher_that_is_found_before_its_node_is_named_later(ros: Harness) -> None:
+    from waychair.ros.interface_types import interface_type
+
+    publisher = ros.node.create_publisher(interface_type("sensor_msgs/msg/Imu"), "scan", 5)
+    with plain_node(ros) as node:
+        found, names = node.get_publishers_info_by_topic, ["_NODE_NAME_UNKNOWN_"]
+
+        def unnamed_once(topic: str) -> Any:
+            offers = found(topic)
+            if offers and names:
+                offers[0].node_name = names.pop()
+            return offers
+
+        node.get_publishers_info_by_topic = unnamed_once
+        ros.report(
+            "plain: input scan", lambda report: report.message.startswith("a node whose name is not known yet sends")
+        )
+        ros.report("plain: input scan", lambda report: report.message.startswith("/tests sends sensor_msgs/msg/Imu"))
+    ros.node.destroy_publisher(publisher)
 
 
 @pytest.mark.parametrize(
