@@ -469,11 +469,8 @@ def keeps(stack: LiveStack, low: float, high: float) -> bool:
 
 def elsewhere(stack: LiveStack) -> Pose2:
     """A goal other than that of `far_from`, and not where the chair stands: there it would have arrived at once."""
-    return (
-        Pose2(3.0, 1.0, 0.0)
-        if stack.really is None or abs(stack.really.odom_from_base.x - 3.0) > 1.0
-        else Pose2(1.9, 1.0, 0.0)
-    )
+    stands_there = stack.really is not None and abs(stack.really.odom_from_base.x - 3.0) < 1.0
+    return Pose2(1.9 if stands_there else 3.0, 1.0, 0.0)
 
 
 def explained(stack: LiveStack, stop: str) -> str:

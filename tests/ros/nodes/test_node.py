@@ -135,24 +135,21 @@ rclpy.spin(node)
 
 
 def test_a_publisher_that_is_found_before_its_node_is_named_later(ros: Harness) -> None:
-    from waychair.ros.interface_types import interface_type
+    with plain_node(ros) as node, sender(ros, SCAN):
+        found, is_known = node.get_publishers_info_by_topic, False
 
-    publisher = ros.node.create_publisher(interface_type("sensor_msgs/msg/Imu"), "scan", 5)
-    with plain_node(ros) as node:
-        found, names = node.get_publishers_info_by_topic, ["_NODE_NAME_UNKNOWN_"]
+        def offers(topic: str) -> Any:
+            told = found(topic)
+            for each in told if not is_known else ():
+                each.node_name = "_NODE_NAME_UNKNOWN_"
+            return told
 
-        def unnamed_once(topic: str) -> Any:
-            offers = found(topic)
-            if offers and names:
-                offers[0].node_name = names.pop()
-            return offers
-
-        node.get_publishers_info_by_topic = unnamed_once
-        ros.report(
-            "plain: input scan", lambda report: report.message.startswith("a node whose name is not known yet sends")
-        )
-        ros.report("plain: input scan", lambda report: report.message.startswith("/tests sends sensor_msgs/msg/Imu"))
-    ros.node.destroy_publisher(publisher)
+        node.get_publishers_info_by_topic = offers
+        node.listen(replace(SCAN, qos=RELIABLE), lambda message: message)
+        nameless = "a node whose name is not known yet offers /scan"
+        ros.report("plain: input scan", lambda report: report.message.startswith(nameless))
+        is_known = True
+        ros.report("plain: input scan", lambda report: report.message.startswith("/tests offers /scan"))
 
 
 @pytest.mark.parametrize(
