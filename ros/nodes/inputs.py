@@ -30,7 +30,9 @@ _QUEUE_S = 0.1  # s; messages of this time are queued while the node is busy
 _CHAIR_NODES = frozenset(("bridge", "cells", "mapper", "navigator", "page", "recorder"))
 """The nodes of a chair that subscribe to topics of drivers."""
 
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # of the ROS middleware, for a publisher that is discovered before its node is
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""ROS's name of a publisher that was discovered before its node."""
+
 _NAMELESS = "a node whose name is not known yet"
 
 SLOW_FRACTION = 0.8
@@ -113,7 +115,7 @@ class Input(Generic[T]):
 
         wanted = profile(self.topic.qos)
         for offer in self._node.get_publishers_info_by_topic(self.name):
-            known = offer.node_name != _UNKNOWN_NODE
+            known = offer.node_name != UNKNOWN_NODE
             sender = f"{offer.node_namespace.rstrip('/')}/{offer.node_name}" if known else _NAMELESS
             if offer.topic_type != self.topic.type:
                 return f"{sender} sends {offer.topic_type} on {self.name}, not {self.topic.type}: remap one of them"

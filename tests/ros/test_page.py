@@ -40,8 +40,8 @@ SOON_MS = 100.0
 TRIES = 5
 """A busy computer may end a drive."""
 
-PATIENCE_OF_DRIVES_S = 240.0
-"""A drive that a busy computer ends is asked for again this long: a machine shared with other work recovers in minutes."""
+PATIENCE_S = 240.0
+"""So long a drive that a busy computer ends is asked for again, and a page is waited for; only a failing test takes it all."""
 
 NEAR = [1.9, 1.0, 0.0]
 
@@ -141,7 +141,7 @@ def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool], **goal: ob
             asked_s = time.monotonic()
         return False
 
-    stack.until(done, "the drive", PATIENCE_OF_DRIVES_S)
+    stack.until(done, "the drive", PATIENCE_S)
 
 
 def until_ready(stack: LiveStack, page: Page) -> None:
@@ -215,7 +215,7 @@ def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -
     stack.until(lambda: not stack.driving, "the drive to end", 5.0)
     stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest", 10.0)
     page.view = {}
-    stack.until(lambda: page.view.get("last"), "the page to be back", PATIENCE_OF_DRIVES_S)
+    stack.until(lambda: page.view.get("last"), "the page to be back", PATIENCE_S)
     assert stack.state is not None
     assert page.view["last"] == sentence(stack.state.last_stop)  # known to the new server too
     assert not stack.driving

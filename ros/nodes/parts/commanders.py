@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from waychair.ros.nodes.inputs import UNKNOWN_NODE
+
 if TYPE_CHECKING:
     from rclpy.node import Node
 
@@ -12,7 +14,6 @@ NAVIGATOR_NODE, PAGE_NODE = "navigator", "page"
 """The only nodes whose speeds and whose joystick are obeyed."""
 
 _RELEASE_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
-_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # ROS's name of a publisher that was discovered before its node
 _CHECK_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant
 
 
@@ -45,7 +46,7 @@ class Commanders:
             others = [name for name in names if name != sender]
             if others or (len(names) > 1 and sender == NAVIGATOR_NODE):
                 self.intruder = others[0] if others else f"{len(names)} nodes named '{sender}'"
-                self.intruder = self.intruder.replace(_UNKNOWN, "its name is not known yet")
+                self.intruder = self.intruder.replace(UNKNOWN_NODE, "its name is not known yet")
 
     def release_joystick(self) -> None:
         """Note that the page's joystick was released."""
