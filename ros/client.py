@@ -29,6 +29,7 @@ from waychair.ros import topics
 from waychair.ros.environment import enter_ros_environment, namespace_arguments
 from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
+from waychair.ros.interrupts import held_interrupts
 from waychair.ros.messages.chair import (
     NO_GOAL,
     DriveReport,
@@ -92,7 +93,7 @@ class ChairClient:
         self._ended: Any = None
         self._feedback: Any = None
         self._feedback_s = 0.0
-        self._initial: Any = None
+        self._senders: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -191,7 +192,7 @@ class ChairClient:
             RosError: the navigator does not answer in time, or refuses the goal, with its reason.
         """
         before = self.journey(1.0)
-        self._publish_goal("navigator", topics.STOREY_GOAL, StoreyGoal(goal, storey), timeout_s)
+        self._publish("navigator", topics.STOREY_GOAL, storey_goal(StoreyGoal(goal, storey)), timeout_s)
         if not self._spin_until(lambda: self.journey(0.0).stamp_ns != before.stamp_ns, timeout_s):
             raise RosError(f"the journey was not planned within {timeout_s:g} s: see `waychair status`")
         found = self.journey(0.0)
@@ -208,15 +209,19 @@ class ChairClient:
 
     def guide_to(self, goal: str, storey: str = "", timeout_s: float = 20.0) -> None:
         """Have the rider, who drives, told the way to a goal, "" for no longer; RosError where the page's node refuses."""
-        self._publish_goal("page", topics.GUIDE_TO, StoreyGoal(goal, storey), timeout_s)
+        self._publish("page", topics.GUIDE_TO, storey_goal(StoreyGoal(goal, storey)), timeout_s)
         if not self._spin_until(lambda: (self.guidance(0.0) is not None) == bool(goal), timeout_s):
             raise RosError(f"guidance to '{goal}' did not begin within {timeout_s:g} s: see the page node's log")
 
-    def _publish_goal(self, node: str, topic: RosTopic, goal: StoreyGoal, timeout_s: float) -> None:
-        sender = self.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+    def _publish(self, node: str, topic: RosTopic, message: Any, timeout_s: float) -> None:
+        """Send a plain message as soon as a node of the chair receives it."""
+        if topic.name not in self._senders:
+            kind = interface_type(topic.type)
+            self._senders[topic.name] = self.node.create_publisher(kind, topic.name, topics.profile(topic.qos))
+        sender = self._senders[topic.name]
         if not self._spin_until(lambda: sender.get_subscription_count() > 0, timeout_s):
             raise RosError(self._silence(node, f"does not subscribe to {topic.name}", timeout_s))
-        sender.publish(serialised(storey_goal(goal)))
+        sender.publish(serialised(message))
 
     def guidance(self, timeout_s: float = 5.0) -> GuideView | None:
         """Return step guidance as a page shows it; None without."""
@@ -358,14 +363,7 @@ class ChairClient:
         Raises:
             RosError: no mapper subscribes in time.
         """
-        topic = topics.INITIAL_POSE
-        if self._initial is None:
-            self._initial = self.node.create_publisher(
-                interface_type(topic.type), topic.name, topics.profile(topic.qos)
-            )
-        if not self._spin_until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
-            raise RosError(self._silence("mapper", f"does not subscribe to {topic.name}", timeout_s))
-        self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
+        self._publish("mapper", topics.INITIAL_POSE, pose_with_covariance(self._now_ns(), pose), timeout_s)
 
     def goToPose(self, pose: Any, behavior_tree: str = "") -> bool:
         """Request a drive as BasicNavigator does, with a geometry_msgs/PoseStamped."""
@@ -490,7 +488,8 @@ class ChairClient:
         ends = time.monotonic() + timeout_s
         while not true():
             left = ends - time.monotonic()
-            self._executor.spin_once(timeout_sec=max(0.0, min(left, 0.1)))
+            with held_interrupts():  # inside of a callback an interrupt would reach rclpy, and lose messages
+                self._executor.spin_once(timeout_sec=max(0.0, min(left, 0.1)))
             if left <= 0.0:
                 return true()
         return True

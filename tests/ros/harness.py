@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 
 from waychair.ros.environment import ros_environment
+from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, plain, serialised
@@ -41,13 +41,14 @@ class Harness:
         self.domain = domain
         rclpy.init(args=[])
         self.node = rclpy.create_node("tests")
-        self.executor = SingleThreadedExecutor()
+        self.executor = NodeExecutor()
         self.executor.add_node(self.node)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
 
