@@ -52,7 +52,8 @@ def free_port() -> int:
 
 
 class Page:
-    """An open page: it answers all messages, and keeps the last one in `view`."""
+    """An open page: it answers all messages, and keeps the last one in `view`; it sends the position of `stick`, then its
+    release."""
 
     def __init__(self, port: int, name: str) -> None:
         self._port, self._name, self._ended = port, name, threading.Event()
@@ -92,14 +93,17 @@ class Page:
                 time.sleep(0.2)
 
     def _listen(self, link: Any) -> None:
+        held: tuple[float, float] | None = None
         while not self._ended.is_set():
             told = json.loads(link.recv(timeout=2.0))
             if told.get("type") == "view":
                 self.view = told
                 link.send(json.dumps({"seen": told["n"], "visible": True}))
-                if self.stick is not None:
-                    forward, turn = self.stick
-                    link.send(json.dumps({"do": "steer", "with": {"forward": forward, "turn": turn}, "id": 0}))
+                if (stick := self.stick) is not None:
+                    link.send(json.dumps({"do": "steer", "with": {"forward": stick[0], "turn": stick[1]}, "id": 0}))
+                elif held is not None:
+                    link.send(json.dumps({"do": "release", "id": 0}))
+                held = stick
 
 
 @pytest.fixture(scope="module")
