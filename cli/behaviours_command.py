@@ -66,7 +66,7 @@ def trace_command(
     end: float | None = None,
     most: PositiveInt = 1000,
 ) -> None:
-    """Print what changed at each innervation: a row for each cell whose activation, effect or fault changed.
+    """Print the changes at each innervation: a row for each cell whose activation, effect or fault changed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What `waychair up` refuses before it starts any node, so that one sentence tells what each node would tell again."""
+"""Checks of `waychair up` before it starts any node, so that one sentence tells a fault that each node would tell again."""
 
 from __future__ import annotations
 

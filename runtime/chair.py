@@ -405,7 +405,7 @@ class Chair:
         return state
 
     def _haptic_inputs(self, state: ChairState) -> HapticInputs:
-        """Return what the guide of a rider who cannot see is told of a tick."""
+        """Return a tick's facts for the guide of a rider without sight."""
         found, telemetry = state.localisation, state.telemetry
         knows = found is not None and found.state is not LocalisationState.LOST
         return HapticInputs(

@@ -1,4 +1,4 @@
-"""What AprilTags of a building tell a chair whose camera sees them: its storey, and its place on the storey's map.
+"""AprilTags of a building in the picture of a chair's camera: they tell its storey, and its place on the storey's map.
 
 A tag sets the place of a chair that is lost, and confirms that of one that is not. A tag that contradicts a place makes it
 uncertain: the chair is localised anew where the tag says, and its lidar has to agree before it drives.

@@ -1,4 +1,4 @@
-"""The message to pages about a rider who is told and led by touch and voice: what was said and felt, the steps, the glove."""
+"""The message to pages about a rider led by touch and voice: the symbols said and felt, the steps, the glove."""
 
 from __future__ import annotations
 

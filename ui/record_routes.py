@@ -1,4 +1,4 @@
-"""The routes of a rider's own record: what there is, yes, no, erase, and the table to take away."""
+"""The routes of a rider's own record: its content, yes, no, erase, and the table to take away."""
 
 from __future__ import annotations
 

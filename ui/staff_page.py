@@ -1,4 +1,4 @@
-"""The staff's page of one building: chairs, queues, closures, who waited and why; staff set priorities there with their key.
+"""The staff's page of one building: chairs, queues, closures, waits and their reasons; staff set priorities there with their key.
 
 It needs no web framework. The page itself is open to this computer; its data and its form need the token, which is in no
 address: the page asks for it once. Nobody else's page in the same browser can use it (`guard`).

@@ -120,7 +120,7 @@ def audit_command(
     chair: Annotated[int | None, Parameter(help="Only the waits of this chair.")] = None,
     json: bool = False,
 ) -> None:
-    """Check the log of several chairs' grants and movements, and say who waited for whom, why and how long.
+    """Check the log of several chairs' grants and movements, and tell each wait: for which chair, why and how long.
 
     Fails if a rule was broken: one chair in a section, entering only in turn, one slot for each, no ring of waits, nobody
     overtaken thrice, nobody standing ten minutes with a free way.

@@ -1,4 +1,4 @@
-"""What a driver who cannot see is told by touch, speech, tones and text: symbols, patterns, limits, advice.
+"""Advice for a driver without sight by touch, speech, tones and text: symbols, patterns, limits, advice.
 
 Begin with `symbols.py`, then `patterns.py` with its data in `patterns.yaml`, and `advice.py`, which decides when a symbol is
 sent.

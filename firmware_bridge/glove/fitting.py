@@ -73,7 +73,7 @@ class Fitting:
 
 
 def fitted_step(step: PlayStep, outputs: Sequence[int]) -> PlayStep:
-    """Return a step whose mask names places of the layout as one whose mask names outputs of the board."""
+    """Return a step with a mask of the layout's places as one with a mask of the board's outputs."""
     mask = sum(1 << output for place, output in enumerate(outputs) if step.mask >> place & 1)
     return PlayStep(mask, step.strength, step.on_ms, step.off_ms)
 

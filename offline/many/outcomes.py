@@ -28,7 +28,7 @@ class OutcomeState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a recording, and what it cost, over all tries.
+    """The outcome of a recording, and its cost, over all tries.
 
     `cpu_s` and `peak_memory_mb` are of the mapping process. `kept` says that it is the outcome of an earlier run.
     """

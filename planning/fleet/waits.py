@@ -1,4 +1,4 @@
-"""Who waits for whom, why and how long; the audit of these waits, and how evenly delay is spread.
+"""Waits of chairs for others, with reason and length; the audit of these waits, and how evenly delay is spread.
 
 Chairs are numbers; there are no names of people anywhere.
 """

@@ -94,7 +94,7 @@ class Ways:
         return {}
 
     def towards(self, refuge: str) -> Towards:
-        """Return what the spots are to a chair whose goal is a refuge."""
+        """Return the use of the spots to a chair that goes to a refuge."""
         if refuge not in self._known:
             from scipy.sparse.csgraph import dijkstra
 

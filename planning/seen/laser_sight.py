@@ -162,7 +162,7 @@ def look(
     memory: SightMemory,
     mount: ServoCameraMount = SERVO_CAMERA,
 ) -> tuple[LaserSight | None, SightMemory]:
-    """Return what the line in a picture shows; None while the camera turns, or in a picture without the line.
+    """Return the sight of the line in a picture; None while the camera turns, or in a picture without the line.
 
     Args:
         picture: one picture of the camera.

@@ -101,7 +101,7 @@ class Sounds:
             self._start(self._waiting.pop(0).words)
 
     def hush(self) -> None:
-        """End what sounds, and forget what waits."""
+        """End the present sound, and forget the waiting ones."""
         self._waiting = []
         running, self._running = self._running, None
         if running is None or running.poll() is not None:

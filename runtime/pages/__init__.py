@@ -1,1 +1,1 @@
-"""What a page shows of a running chair, and what it may ask of it; begin with `chair_port.py`."""
+"""The view of a running chair on a page, and the requests of pages; begin with `chair_port.py`."""

@@ -180,7 +180,7 @@ class ChairPort(Protocol):
         """Return the picture (SVG) of one network of cells; None if there is none of this name."""
 
     def haptics(self) -> HapticState | None:
-        """Return what a rider who cannot see is told, and the state of glove and voice; None without them."""
+        """Return the advice for a rider without sight, and the state of glove and voice; None without them."""
 
     def go(self, goal: str | Pose2) -> PortAnswer:
         """Ask for a drive to a place or a pose in map; it waits for `confirm`."""

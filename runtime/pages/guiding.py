@@ -72,7 +72,7 @@ def guided_chair_of_view(view: ChairView) -> GuidedChair:
 
 @dataclass(slots=True)
 class _Drive:
-    """What is counted of a guided drive: since when [ns], what the graph expects [s], rests, reversals, interventions."""
+    """The counts of a guided drive: since when [ns], what the graph expects [s], rests, reversals, interventions."""
 
     since_ns: int
     expected_s: float = 0.0

@@ -115,7 +115,7 @@ _MOST_DOORWAYS = 2
 
 
 def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> RiderSurroundings:
-    """Return what a chair can tell of its place: its map's places, and what the behaviour cells have found near."""
+    """Return the facts of a chair's place: its map's places, and the finds of the behaviour cells near it."""
     near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
     return RiderSurroundings(tuple(places.values()), near)
 
@@ -233,7 +233,7 @@ def _aim_view(aim: PanTiltAngles, order: object) -> AimView:
 
 
 def _order_words(order: SensorCommand) -> str:
-    """Return whom the camera serves, and who waits for it."""
+    """Return the cell that the camera serves, and those that wait for it."""
     told = f"the {order.client} has it"
     if isinstance(order, CameraOrder) and order.waiting:
         told += f", the {' and the '.join(order.waiting)} {'waits' if len(order.waiting) == 1 else 'wait'}"

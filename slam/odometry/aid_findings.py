@@ -1,4 +1,4 @@
-"""Findings about the aids of a drive, and their sentences: which part, what is wrong with it, since when, what follows."""
+"""Findings about the aids of a drive, and their sentences: which part, its fault, since when, the consequence."""
 
 from __future__ import annotations
 
@@ -135,12 +135,12 @@ def name_of(part: AidPart, names: AidNames) -> str:
 
 
 def sentence(finding: AidFinding, names: AidNames) -> str:
-    """Return a finding as one sentence that names the topic, what is wrong, since when, and what follows."""
+    """Return a finding as one sentence that names the topic, the fault, since when, and the consequence."""
     return f"{name_of(finding.part, names)}: {clause(finding)}{_advice(finding)}"
 
 
 def clause(finding: AidFinding) -> str:
-    """Return a finding without the topic: what is wrong with it, since when, and what follows."""
+    """Return a finding without the topic: the fault, since when, and the consequence."""
     if finding.part is AidPart.SCALES:
         return _scales(finding)
     if finding.cause is Cause.WILD and finding.part is not AidPart.WHEELS:

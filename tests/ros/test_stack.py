@@ -317,10 +317,13 @@ def test_a_confirmation_of_a_replaced_goal_is_refused(stack: LiveStack) -> None:
     told = waychair(stack.domain, "confirm", "5.0,1.0,0")
     assert told.returncode == 1
     assert f"the waiting goal is {'bath' if goal == FAR else 'entrance'}: check it" in told.stderr
-    assert stack.client.go_to_pose(elsewhere(stack))
-    stack.until(lambda: stack.state is not None and stack.state.goal_id == stack.client.goal_id, "the other goal")
-    done, sentence = stack.client.confirm(goal_id=shown)
-    assert not done
+    for _ in range(TRIES):
+        assert stack.client.go_to_pose(elsewhere(stack))
+        stack.until(lambda: stack.state is not None and stack.state.goal_id == stack.client.goal_id, "the other goal")
+        done, sentence = stack.client.confirm(goal_id=shown)
+        assert not done
+        if not sentence.startswith("there is no goal"):  # which a busy computer has ended
+            break
     assert sentence.startswith("the goal has changed since it was shown")
     stack.spin(0.3)
     assert not stack.driving

@@ -1,6 +1,6 @@
 """Whole drives of a driver who cannot see, led by touch: the simulated chair, its board's C and the glove's C in the loop.
 
-The chair leads by its own software (`runtime.haptics`): it says what the driver should do, the glove's program plays it, the
+The chair leads by its own software (`runtime.haptics`): it tells the driver's next movement, the glove's program plays it, the
 driver feels the motors and moves the stick, and the stick reaches the chair's lines through the board. At the levels guard and
 guide the board holds it within the chair's caps (state GUARD). Simulated drivers are not blind drivers.
 """

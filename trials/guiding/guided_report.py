@@ -1,4 +1,4 @@
-"""The report of a guided drive: what was said, what was felt, the path, the touches, the caps."""
+"""The report of a guided drive: symbols said and felt, the path, the touches, the caps."""
 
 from __future__ import annotations
 

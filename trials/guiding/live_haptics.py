@@ -39,7 +39,7 @@ from waychair.types import OccupancyGrid
 
 @dataclass(frozen=True, slots=True)
 class HapticOptions:
-    """How a rider is told: the rider's profile, the file of what was learnt (None to forget it at the end), and the trainer's
+    """Channels to a rider: the rider's profile, the file of learnt numbers (None to forget them at the end), and the trainer's
     record, None without one.
 
     `port` of a glove, None for its program on this computer. `driver`: the preset of a simulated driver who feels it, None
@@ -94,7 +94,7 @@ def open_haptics(
     *,
     apart: bool = True,
 ) -> Iterator[HapticParts]:
-    """Yield the parts; on leaving, what was learnt of the rider is saved. `apart`: steps are planned in a thread of their own.
+    """Yield the parts; on leaving, the rider's learnt numbers are saved. `apart`: steps are planned in a thread of their own.
 
     Raises:
         BoardBuildError: the glove's program cannot be built or started.

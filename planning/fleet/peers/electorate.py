@@ -1,4 +1,4 @@
-"""Who is counted: the electorate of a district, changed by its warden one peer at a time as chairs are parked and come back.
+"""The electorate of a district, changed by its warden one peer at a time as chairs are parked and come back.
 
 Two electorates that follow each other differ by one peer, so that a majority of the one shares a peer with any majority of the
 other. A warden changes the electorate only once a majority knows the last one, the first of its own term among them, and no peer

@@ -1,4 +1,4 @@
-"""What a peer remembers: when things happened last, and what it has heard of others."""
+"""The memory of a peer: when things happened last, and the news of others."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 NAVIGATOR_NODE, PAGE_NODE = "navigator", "page"
-"""The only nodes whose speeds and whose joystick are obeyed."""
+"""The only nodes that the bridge obeys for speeds and for the joystick."""
 
 _RELEASE_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
 _CHECK_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant

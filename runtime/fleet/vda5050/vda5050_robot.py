@@ -57,7 +57,7 @@ _STATE_EVERY_S = 0.2  # s; a chair tells its state at most so often
 
 @dataclass(frozen=True, slots=True)
 class ChairMoment:
-    """What the chair says of itself: `map_from_base`, its twist, who drives, battery [%] and safety."""
+    """The chair's own state: `map_from_base`, its twist, who drives, battery [%] and safety."""
 
     pose: Pose2 | None
     twist: Twist = field(default_factory=lambda: Twist(0.0, 0.0))

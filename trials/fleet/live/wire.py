@@ -65,7 +65,7 @@ class WorldMoment(Struct, frozen=True, array_like=True):
 
 
 class ChairWord(Struct, frozen=True, array_like=True):
-    """What a chair's process says of itself ten times a second.
+    """The state that a chair's process sends ten times a second.
 
     Attributes:
         boot: a random number of this start.
