@@ -53,6 +53,7 @@ from waychair.control.haptics.guide_numbers import (
     SPEEDS_UP_S,
     STILL_OMEGA,
     STILL_V,
+    STOPPED_S,
     STOPPED_SWIVEL_FROM,
     STOPS_SHORT,
     STRAIGHT_ENOUGH,
@@ -203,7 +204,8 @@ class _Tick:
         state = self._watched(state, turns)
         if turns and self._since_obeyed(state) > -EARLY_S:
             if omega * error > 0.0:
-                if left <= self._rate(state) * self.guide.lead(after) + STOPS_SHORT:
+                ahead_s = self.guide.lead(after) - (STOPPED_S if self.now.holds else 0.0)
+                if left <= self._rate(state) * ahead_s + STOPS_SHORT:
                     return self._leave_turn(state)
                 goes_on = left > self._rate(state) * (self.guide.lead(after) + KEEPS_WAITING_S)
                 if goes_on and self._silent_s(state) > REPEAT_S:
@@ -331,6 +333,8 @@ class _Tick:
             state = replace(state, nudged=0)
         if self.now.holds and abs(state.nudged) >= IN_VAIN:
             error = present  # nudges on their way will not do either
+        if state.said in SWIVELS:
+            return self._say(Symbol.FORWARD, reason, state)  # a hand that still turns must not be nudged
         far_off = abs(error) > self._swivel_from(state) * (
             FAR_OFF if state.nudges and abs(state.nudged) < IN_VAIN else 1.0
         )

@@ -31,6 +31,9 @@ IN_VAIN, IN_VAIN_FROM = 3, math.radians(3.0)
 """Nudges in a row to one side after which the course is still so far off, rad: then the chair turns on the spot, if the guard
 stops it at its heading."""
 
+STOPPED_S = 0.5
+"""s; so much later the next symbol may come where the guard stops a turn: a little late costs less than a turn cut short."""
+
 FAR_OFF = 1.4
 """So many times farther off, the driver is turned on the spot although nudges are on their way: they do not help."""
 

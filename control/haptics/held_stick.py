@@ -81,7 +81,9 @@ def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody)
     if not doors:
         return 1.0
     cap = SLOW if min(door.room for door in doors) > TIGHT or doors[0] is not step else SLOWEST
-    if state.phase is not LeadingPhase.GO or doors[0] is not step:
+    if doors[0] is not step or state.phase is LeadingPhase.BACK:
         return cap
+    if state.phase is LeadingPhase.TURN:
+        return 0.0  # nearer to the door there would be less room to turn
     off = (abs(course_error(step, now, body)) - LEAST_ERROR) / (STRAIGHT_ENOUGH - LEAST_ERROR)
     return cap + min(max(off, 0.0), 1.0) * (CREEPS - cap)
