@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.course import before_wall, course_error, off_aim, on_leg, room_askew
-from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge
+from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
     AIM_PART,
@@ -106,6 +106,10 @@ class GuideConstants:
         return replace(fresh, phase=LeadingPhase.GO)
 
 
+OPEN = StickHold()
+"""A word's hold of the stick until the tick's own is known."""
+
+
 class _Tick:
     """One tick of the guide."""
 
@@ -141,7 +145,7 @@ class _Tick:
         """Say a symbol now if the channel is free."""
         step = self.plan.steps[state.step]
         if not self._free(state):
-            return GuideWord(None, step, reason, **flags), state
+            return GuideWord(None, step, reason, OPEN, **flags), state
         number, now_ns = state.number + 1, self.now.now_ns
         after = replace(state, number=number, said=symbol, said_ns=now_ns)
         if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
@@ -152,10 +156,10 @@ class _Tick:
             after = replace(after, nudges=(*after.nudges, Nudge(turn, done_ns)), nudged=nudged)
         elif symbol is not Symbol.FORWARD:
             after = replace(after, nudged=0)
-        return GuideWord(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, **flags), after
+        return GuideWord(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, OPEN, **flags), after
 
     def _quiet(self, reason: str, state: GuideState, **flags: bool) -> tuple[GuideWord, GuideState]:
-        return GuideWord(None, self.plan.steps[state.step], reason, **flags), state
+        return GuideWord(None, self.plan.steps[state.step], reason, OPEN, **flags), state
 
     def _since_obeyed(self, state: GuideState) -> float:
         """Return the time [s] since the last symbol should have been obeyed; negative before."""
@@ -328,16 +332,15 @@ class _Tick:
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < SETTLES_S
         if pending and abs(self.now.twist.omega) > SWIVELLING:
             return self._quiet(reason, state)
+        if state.said in SWIVELS:
+            return self._say(Symbol.FORWARD, reason, state)  # a hand that still turns must not be nudged
         present = course_error(step, self.now, self.guide.body)
         if present * state.nudged <= 0.0:
             state = replace(state, nudged=0)
-        if self.now.holds and abs(state.nudged) >= IN_VAIN:
+        in_vain = self.now.holds and abs(state.nudged) >= IN_VAIN
+        if in_vain:
             error = present  # nudges on their way will not do either
-        if state.said in SWIVELS:
-            return self._say(Symbol.FORWARD, reason, state)  # a hand that still turns must not be nudged
-        far_off = abs(error) > self._swivel_from(state) * (
-            FAR_OFF if state.nudges and abs(state.nudged) < IN_VAIN else 1.0
-        )
+        far_off = abs(error) > self._swivel_from(state) * (FAR_OFF if state.nudges and not in_vain else 1.0)
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
             return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))

@@ -181,7 +181,9 @@ def test_a_side_to_which_a_nudge_is_on_its_way_is_not_held() -> None:
 
 def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
     guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
-    state = GuideState(step=1, phase=LeadingPhase.TURN, heading=math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 10**9)
+    state = GuideState(
+        step=1, phase=LeadingPhase.TURN, heading=math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 10**9
+    )
     holds = {}
     for theta in (0.3, 1.2, 1.5):
         word, _ = guide.step(corner(), state, GuideInputs(now_ns, Pose2(3.0, 0.0, theta), Twist(0.0, 0.4), holds=True))
