@@ -17,6 +17,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
 from waychair.control.drive.navigator import Navigator
+from waychair.control.haptics.guidance import StickHold
 from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
 from waychair.firmware_bridge.bridge import Bridge
@@ -221,9 +222,9 @@ class Chair:
         self._tell("override")
         return self._base.guard.override(now_ns)
 
-    def slow_ahead(self, cap: float, now_ns: int) -> None:
-        """Hold the stick ahead within a part of the swing for a moment, at the level guide; see `RiderGuard.slow_ahead`."""
-        self._base.guard.slow_ahead(cap, now_ns)
+    def hold_stick(self, hold: StickHold, now_ns: int) -> None:
+        """Hold the stick as the guidance asks for a moment, at the level guide; see `RiderGuard.hold_stick`."""
+        self._base.guard.hold_stick(hold, now_ns)
 
     def offer_level(self, level: HelpLevel) -> None:
         """Offer the level of help that the rider chose on another day; it begins by `choose_level` only."""
@@ -398,7 +399,7 @@ class Chair:
         )
         if self.haptics is not None:
             felt = self.haptics.step(self._haptic_inputs(state))
-            self.slow_ahead(felt.cap, now_ns)
+            self.hold_stick(felt.hold, now_ns)
             state = replace(state, haptics=felt)
         if self._watcher is not None:
             self._watcher.note_tick(heard, state, self.bridge.greeting)

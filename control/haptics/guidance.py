@@ -42,7 +42,7 @@ class GuideState:
 
     `step` is the index in the plan. `heading` [rad] is the one to turn to, `back_until` [m] the place along the leg up to
     which to back. `said`, `said_ns`: the last symbol and its beginning. `expected_ns`: since when the chair has not moved as
-    it should. `tries`: at the present door or turn. `ignored`: symbols in a row without any effect.
+    it should. `nudged`: nudges in a row to one side without an effect, left positive. `tries`: at the present door or turn. `ignored`: symbols in a row without any effect.
     """
 
     step: int = -1
@@ -59,6 +59,7 @@ class GuideState:
     quiet_ns: int = -(10**18)
     shuffles: int = 0
     aim: Aim | None = None
+    nudged: int = 0
 
 
 _HELD, _HELD_AT = 0.03, 0.1
@@ -67,13 +68,17 @@ _HELD, _HELD_AT = 0.03, 0.1
 
 @dataclass(frozen=True, slots=True)
 class GuideInputs:
-    """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back."""
+    """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back.
+
+    `holds`: the board holds the stick as the guide asks (`StickHold`).
+    """
 
     now_ns: int
     pose: Pose2
     twist: Twist
     held_ahead: bool = False
     held_turn: bool = False
+    holds: bool = False
 
     @classmethod
     def under(
@@ -93,21 +98,35 @@ class GuideInputs:
             twist,
             held_ahead=forward > front + _HELD and front < _HELD_AT,
             held_turn=turn > left + _HELD or -turn > right + _HELD,
+            holds=True,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class StickHold:
+    """How the rider's stick is best held while the rider is led, in shares of the swing.
+
+    `front`: it passes ahead up to this. `left`, `right`: a smaller turn to that side is not passed on, because it leads off the
+    heading that was asked for: the drift of a hand that does not see where straight ahead is, or a turn that has come far enough.
+    """
+
+    front: float = 1.0
+    left: float = 0.0
+    right: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class GuideWord:
     """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
 
-    `cap`: share of the swing to which the stick ahead is best held; less near a door, least before a tight one. `astray`: new steps are wanted. `offers_repeat`: the rider
-    seems to have a reason not to follow; the guide is silent until asked.
+    `hold`: how the stick is best held, ahead less near a door, least before a tight one. `astray`: new steps are wanted.
+    `offers_repeat`: the rider seems to have a reason not to follow; the guide is silent until asked.
     """
 
     advice: Advice | None
     step: Step
     reason: str
-    cap: float = 1.0
+    hold: StickHold = StickHold()
     astray: bool = False
     offers_repeat: bool = False
     arrived: bool = False

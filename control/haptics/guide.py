@@ -14,7 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge
+from waychair.control.haptics.course import before_wall, course_error, off_aim, on_leg, room_askew
+from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
     AIM_PART,
@@ -31,11 +32,10 @@ from waychair.control.haptics.guide_numbers import (
     GATE_TO,
     GATE_TURN,
     IGNORED,
-    IN_DOOR,
+    IN_VAIN,
+    IN_VAIN_FROM,
     KEEPS_WAITING_S,
-    LEAST_AIM,
     LEAST_ERROR,
-    LOOK_AHEAD,
     MOST_TRIES,
     NEAR_END,
     NUDGE_SHARE,
@@ -50,12 +50,11 @@ from waychair.control.haptics.guide_numbers import (
     SHORT_SWIVEL,
     SHORTEST_SWIVEL_S,
     SHUFFLE,
-    SLOW,
-    SLOW_BEFORE,
-    SLOWEST,
     SPEEDS_UP_S,
     STILL_OMEGA,
     STILL_V,
+    STOPPED_S,
+    STOPPED_SWIVEL_FROM,
     STOPS_SHORT,
     STRAIGHT_ENOUGH,
     STRAIGHTENS_S,
@@ -63,10 +62,10 @@ from waychair.control.haptics.guide_numbers import (
     SWIVEL_FROM,
     SWIVELLING,
     SWIVELS,
-    TIGHT,
     TURN_BEFORE_WALL,
     VALID_NS,
 )
+from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.geometry import wrap_angle
@@ -107,6 +106,10 @@ class GuideConstants:
         return replace(fresh, phase=LeadingPhase.GO)
 
 
+OPEN = StickHold()
+"""A word's hold of the stick until the tick's own is known."""
+
+
 class _Tick:
     """One tick of the guide."""
 
@@ -117,7 +120,8 @@ class _Tick:
     def run(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Return guidance and memory."""
         guidance, after = self._phase(state)
-        return replace(guidance, cap=self._cap(after)), after
+        hold = stick_hold(self.plan, after, self.now, self.guide.body, self._since_obeyed(after))
+        return replace(guidance, hold=hold), after
 
     def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         if state.phase is LeadingPhase.DONE:
@@ -127,17 +131,6 @@ class _Tick:
         if state.phase is LeadingPhase.BACK:
             return self._back(state)
         return self._go(state)
-
-    def _cap(self, state: GuideState) -> float:
-        """Return the cap of a door that is near: in its own step, or in the last part of the leg to its pivotal point."""
-        step = self.plan.steps[state.step]
-        following = self.plan.steps[state.step + 1 : state.step + 3]
-        along, _, _ = self._on_leg(step)
-        near = step.kind is StepKind.PIVOT or step.length - along < SLOW_BEFORE
-        doors = [each for each in (step, *(following if near else ())) if each.door is not None]
-        if not doors:
-            return 1.0
-        return SLOW if min(door.room for door in doors) > TIGHT or doors[0] is not step else SLOWEST
 
     # saying -----------------------------------------------------------------------------------------------------------
 
@@ -152,17 +145,21 @@ class _Tick:
         """Say a symbol now if the channel is free."""
         step = self.plan.steps[state.step]
         if not self._free(state):
-            return GuideWord(None, step, reason, **flags), state
+            return GuideWord(None, step, reason, OPEN, **flags), state
         number, now_ns = state.number + 1, self.now.now_ns
         after = replace(state, number=number, said=symbol, said_ns=now_ns)
         if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
             turn = self.guide.rider.nudge if symbol is Symbol.NUDGE_LEFT else -self.guide.rider.nudge
             done_ns = now_ns + round((self.guide.lead(symbol) + NUDGED_S) * 1e9)
-            after = replace(after, nudges=(*after.nudges, Nudge(turn, done_ns)))
-        return GuideWord(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, **flags), after
+            nudged = 1 if turn > 0.0 else -1
+            nudged += state.nudged if state.nudged * nudged > 0 else 0
+            after = replace(after, nudges=(*after.nudges, Nudge(turn, done_ns)), nudged=nudged)
+        elif symbol is not Symbol.FORWARD:
+            after = replace(after, nudged=0)
+        return GuideWord(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, OPEN, **flags), after
 
     def _quiet(self, reason: str, state: GuideState, **flags: bool) -> tuple[GuideWord, GuideState]:
-        return GuideWord(None, self.plan.steps[state.step], reason, **flags), state
+        return GuideWord(None, self.plan.steps[state.step], reason, OPEN, **flags), state
 
     def _since_obeyed(self, state: GuideState) -> float:
         """Return the time [s] since the last symbol should have been obeyed; negative before."""
@@ -205,13 +202,14 @@ class _Tick:
         turns = abs(omega) > STILL_OMEGA
         reason = f"turn {'left' if error > 0.0 else 'right'}, {math.degrees(left):.0f} degrees more"
         if state.said not in SWIVELS:
-            if left < self._swivel_from and (not turns or omega * error > 0.0):
+            if left < self._swivel_from(state) and (not turns or omega * error > 0.0):
                 return self._leave_turn(state)
             return self._say(swivel, reason, replace(state, still_ns=None))
         state = self._watched(state, turns)
         if turns and self._since_obeyed(state) > -EARLY_S:
             if omega * error > 0.0:
-                if left <= self._rate(state) * self.guide.lead(after) + STOPS_SHORT:
+                ahead_s = self.guide.lead(after) - (STOPPED_S if self.now.holds else 0.0)
+                if left <= self._rate(state) * ahead_s + STOPS_SHORT:
                     return self._leave_turn(state)
                 goes_on = left > self._rate(state) * (self.guide.lead(after) + KEEPS_WAITING_S)
                 if goes_on and self._silent_s(state) > REPEAT_S:
@@ -219,14 +217,15 @@ class _Tick:
                 return self._quiet(reason, replace(state, ignored=0))
             if left < PASSED:
                 return self._leave_turn(state)
-        if not turns and left < self._swivel_from:
+        if not turns and left < self._swivel_from(state) and self._since_obeyed(state) > OBEYED_S:
             return self._leave_turn(state)
         if self._stood(state, swivel) > (0.0 if self.now.held_turn else STUCK_S):
             return self._shuffle(state)
         return self._ask_again(swivel, reason, state)
 
-    @property
-    def _swivel_from(self) -> float:
+    def _swivel_from(self, state: GuideState) -> float:
+        if self.now.holds:
+            return STOPPED_SWIVEL_FROM if abs(state.nudged) < IN_VAIN else IN_VAIN_FROM
         return max(SWIVEL_FROM, SHORT_SWIVEL * self.guide.rider.swivel * SHORTEST_SWIVEL_S)
 
     def _rate(self, state: GuideState) -> float:
@@ -260,7 +259,7 @@ class _Tick:
         if state.shuffles >= MOST_TRIES:
             return self._quiet("the turn is blocked", state, astray=True)
         state = replace(state, shuffles=state.shuffles + 1)
-        along, _, _ = self._on_leg(self._leg(state))
+        along, _, _ = on_leg(self._leg(state), self.now.pose)
         return self._back(replace(state, phase=LeadingPhase.BACK, back_until=along - SHUFFLE, still_ns=None))
 
     def _leg(self, state: GuideState) -> Step:
@@ -270,14 +269,9 @@ class _Tick:
             return step
         return replace(step, start=Pose2(step.start.x, step.start.y, self.now.pose.theta))
 
-    def _on_leg(self, leg: Step, pose: Pose2 | None = None) -> tuple[float, float, float]:
-        """Return along and left of the leg [m] and the heading to it [rad]."""
-        local = leg.start.inverse() @ (pose or self.now.pose)
-        return local.x, local.y, local.theta
-
     def _back(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         v, leg = self.now.twist.v, self._leg(state)
-        along, _, _ = self._on_leg(leg)
+        along, _, _ = on_leg(leg, self.now.pose)
         left = along - state.back_until
         following = self._after_back(state)
         backs = v < -STILL_V
@@ -316,7 +310,7 @@ class _Tick:
 
     def _go(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         step, v = self.plan.steps[state.step], self.now.twist.v
-        along, aside, _ = self._on_leg(step)
+        along, aside, _ = on_leg(step, self.now.pose)
         drives = v > STILL_V
         following = self._following(state)
         ends = step.length - along
@@ -338,7 +332,15 @@ class _Tick:
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < SETTLES_S
         if pending and abs(self.now.twist.omega) > SWIVELLING:
             return self._quiet(reason, state)
-        far_off = abs(error) > self._swivel_from * (FAR_OFF if state.nudges else 1.0)
+        if state.said in SWIVELS:
+            return self._say(Symbol.FORWARD, reason, state)  # a hand that still turns must not be nudged
+        present = course_error(step, self.now, self.guide.body)
+        if present * state.nudged <= 0.0:
+            state = replace(state, nudged=0)
+        in_vain = self.now.holds and abs(state.nudged) >= IN_VAIN
+        if in_vain:
+            error = present  # nudges on their way will not do either
+        far_off = abs(error) > self._swivel_from(state) * (FAR_OFF if state.nudges and not in_vain else 1.0)
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
             return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))
@@ -385,20 +387,14 @@ class _Tick:
         step = self.plan.steps[state.step]
         if step.door is None:
             return False
-        along, _, _ = self._on_leg(step)
-        return -self.guide.body.length < self._before_wall(step, along) < TURN_BEFORE_WALL
+        along, _, _ = on_leg(step, self.now.pose)
+        return -self.guide.body.length < before_wall(step, along, self.guide.body) < TURN_BEFORE_WALL
 
     def _may_swivel(self, step: Step, along: float) -> bool:
         """Return whether a turn on the spot is free here: not with the front in a door."""
         if step.door is None:
             return True
-        return self._before_wall(step, along) > TURN_BEFORE_WALL or along > step.length - NEAR_END
-
-    def _before_wall(self, step: Step, along: float) -> float:
-        """Return the distance [m] of the chair's front from the door's wall."""
-        assert step.door is not None
-        at = step.start.inverse() @ step.door.map_from_door
-        return at.x - HALF_WALL - self.guide.body.front - along
+        return before_wall(step, along, self.guide.body) > TURN_BEFORE_WALL or along > step.length - NEAR_END
 
     def _following(self, state: GuideState) -> Symbol:
         following = self.plan.steps[state.step + 1]
@@ -411,18 +407,13 @@ class _Tick:
     def _error(self, step: Step, state: GuideState, ahead_s: float) -> tuple[float, Pose2]:
         """Return the error of the course [rad, left positive] when the next nudge acts, and the pose on the leg then."""
         now, rider = self.now, self.guide.rider
-        along, aside, turned = self._on_leg(step)
+        along, aside, turned = on_leg(step, self.now.pose)
         on_way = sum(each.turn * min(1.0, (each.done_ns - now.now_ns) * 1e-9 / NUDGING_S) for each in state.nudges)
         drives = now.twist.v > STILL_V
         heading = turned + on_way + (rider.veer * ahead_s if drives else 0.0) + self._still_to_turn(state)
         way = now.twist.v * ahead_s
         there = Pose2(along + way, aside + way * math.sin(turned + 0.5 * (heading - turned)), heading)
-        if step.door is not None and self._before_wall(step, there.x) > -IN_DOOR:
-            at = step.start.inverse() @ step.door.map_from_door
-            target = (max(at.x, there.x + LEAST_AIM), at.y)
-        else:
-            target = (there.x + LOOK_AHEAD, 0.0)
-        return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - heading), there
+        return off_aim(step, there, self.guide.body), there
 
     def _still_to_turn(self, state: GuideState) -> float:
         """Return how far [rad] a turn on the spot still goes on until the symbol that ends it is obeyed."""
@@ -431,18 +422,22 @@ class _Tick:
             return 0.0
         left_s = self.guide.lead(Symbol.FORWARD) if state.said in SWIVELS else -self._since_obeyed(state)
         rate = self._rate(state) if state.said in SWIVELS else abs(omega)
-        return math.copysign(rate, omega) * max(left_s, 0.0)
+        turn = math.copysign(rate, omega) * max(left_s, 0.0)
+        if not self.now.holds:
+            return turn
+        to_heading = wrap_angle(state.heading - self.now.pose.theta)  # where the guard stops it
+        return min(max(turn, min(to_heading, 0.0)), max(to_heading, 0.0))
 
     def _gate(self, step: Step, state: GuideState, course: Pose2) -> tuple[GuideWord, GuideState] | None:
         """Refuse the door if the chair, as it will be when it can obey, would not pass it; None while it may go on."""
-        along, _, _ = self._on_leg(step)
-        before, then = self._before_wall(step, along), self._before_wall(step, course.x)
+        along, _, _ = on_leg(step, self.now.pose)
+        before, then = before_wall(step, along, self.guide.body), before_wall(step, course.x, self.guide.body)
         if not (then <= GATE_FROM and before >= GATE_TO) or (state.nudges and before > GATE_FROM):
             return None  # a nudge on its way still changes the aim
         if state.aim is None or state.aim.ticks < AIM_TICKS:
             return None
         offset, turned = state.aim.offset, state.aim.turned
-        if abs(offset) <= GATE_OFFSET * self._room_askew(step, turned) and abs(turned) <= GATE_TURN:
+        if abs(offset) <= GATE_OFFSET * room_askew(step, turned, self.guide.body) and abs(turned) <= GATE_TURN:
             return None
         return self._retry(state, f"{100.0 * offset:.0f} cm and {math.degrees(turned):.0f} degrees off the door")
 
@@ -469,20 +464,14 @@ class _Tick:
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
-        return self._before_wall(step, along) > TURN_BEFORE_WALL and needed > GATE_TURN
-
-    def _room_askew(self, step: Step, turned: float) -> float:
-        """Return the room [m] beside a chair that passes the door at an angle to its axis: less by the wall's thickness."""
-        assert step.door is not None
-        gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
-        return max(0.5 * (gap - self.guide.body.width), 0.0)
+        return before_wall(step, along, self.guide.body) > TURN_BEFORE_WALL and needed > GATE_TURN
 
     def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
         if state.tries >= MOST_TRIES:
             return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
-        along, _, _ = self._on_leg(step)
+        along, _, _ = on_leg(step, self.now.pose)
         until = along - BACK_FROM_THINGS
         if step.door is not None:
             at = step.start.inverse() @ step.door.map_from_door

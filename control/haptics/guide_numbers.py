@@ -24,6 +24,16 @@ NUDGE_SHARE = 0.55
 SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
 """rad, and share of the shortest held turn that this rider can make: farther off its course the chair turns on the spot."""
 
+STOPPED_SWIVEL_FROM = math.radians(6.0)
+"""rad; the same where the guard stops a turn at the heading that was asked for."""
+
+IN_VAIN, IN_VAIN_FROM = 3, math.radians(3.0)
+"""Nudges in a row to one side after which the course is still so far off, rad: then the chair turns on the spot, if the guard
+stops it at its heading."""
+
+STOPPED_S = 0.5
+"""s; so much later the next symbol may come where the guard stops a turn: a little late costs less than a turn cut short."""
+
 FAR_OFF = 1.4
 """So many times farther off, the driver is turned on the spot although nudges are on their way: they do not help."""
 
@@ -45,6 +55,18 @@ BACK_OFF = 0.85
 SLOW, SLOWEST, TIGHT = 0.22, 0.17, 0.08
 """Shares of the swing to hold the stick ahead at a door, about 0.22 and 0.14 m/s, and the room [m] beside the chair up to which
 the latter counts."""
+
+HELD_FROM = math.radians(0.8)
+"""rad; nearer to the right course a hand's drift to neither side is passed on, farther off only one towards the course."""
+
+DRIFT, ALL = 0.2, 1.0
+"""Shares of the swing: a hand drifts by less than the first, a larger turn is meant; every turn is smaller than the second."""
+
+HOLDS_S = 0.25
+"""s from a cap of the stick until the chair turns by it: the board, and the motors' own lag."""
+
+CREEPS = 0.12
+"""Share of the swing, about 0.05 m/s: so slowly a driver who is not straight drives on at a door, and nudges outrun the drift."""
 
 SHUFFLE = 0.3
 """m; way straight back or ahead when the chair cannot turn on."""

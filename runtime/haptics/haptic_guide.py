@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.cell_advice import CellMemory, cell_advice
-from waychair.control.haptics.guidance import GuideInputs, GuideWord
+from waychair.control.haptics.guidance import GuideInputs, GuideWord, StickHold
 from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
@@ -205,7 +205,7 @@ class HapticGuide:
             arrived=leader.arrived,
             withheld=withheld,
             offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and told.said is None),
-            cap=1.0 if guidance is None else guidance.cap,
+            hold=StickHold() if guidance is None else guidance.hold,
         )
 
 

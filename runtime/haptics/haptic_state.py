@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from waychair.control.behaviours.commands import Signal
+from waychair.control.haptics.guidance import StickHold
 from waychair.control.haptics.symbols import Advice
 from waychair.firmware_bridge.glove.bridge import GloveReport
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
@@ -47,8 +48,8 @@ class HapticState:
     reason, or why leading has ended. `symbol`, `text`, `count`: the symbol said last, in words, and how many things have been
     told. `play`: its bursts on the skin, each (motors by their places, ms on, ms off). `unfelt`: why the last symbol was not
     felt. `withheld`: why nobody tells the steps now; the chair drives as without them. `offers`: the guide has fallen
-    silent because the rider does not follow, and offers to repeat. `cap`: the share of the swing to which the stick ahead is best held. `glove`: None without a glove. `notices`: all
-    that is amiss.
+    silent because the rider does not follow, and offers to repeat. `hold`: how the stick is best held meanwhile. `glove`:
+    None without a glove. `notices`: all that is amiss.
     """
 
     stamp_ns: int
@@ -64,6 +65,6 @@ class HapticState:
     unfelt: str = ""
     withheld: str = ""
     offers: bool = False
-    cap: float = 1.0
+    hold: StickHold = field(default_factory=StickHold)
     glove: GloveReport | None = None
     notices: tuple[str, ...] = ()

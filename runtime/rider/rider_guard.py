@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
+from waychair.control.haptics.guidance import StickHold
 from waychair.control.safety.collision_monitor import VERDICT_MS
 from waychair.control.safety.guard import (
     GUARDED,
@@ -26,8 +27,8 @@ from waychair.runtime.base_settings import BaseSettings
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.types import HelpLevel, JoystickInput, SentCommand, Twist
 
-SLOWER_MS = 500
-"""ms for which the guidance's own cap ahead counts; a guide that falls silent slows nobody."""
+HELD_MS = 500
+"""ms for which the guidance's own hold of the stick counts; a guide that falls silent holds nobody."""
 
 OVERRIDES = "For ten seconds you may creep against the guard, until you let go. It still stops before a drop-off."
 
@@ -60,7 +61,7 @@ class RiderGuard:
         self._monitor, self._bridge = monitor, bridge
         self._calibrated = calibrated
         self._pushes: Pushes | None = None
-        self._slower: tuple[float, int] | None = None
+        self._hold: tuple[StickHold, int] | None = None
         self._override: PressedOverride | None = None
 
     @property
@@ -102,15 +103,15 @@ class RiderGuard:
         """Whether a press of the override lets the rider creep now."""
         return self._override is not None
 
-    def slow_ahead(self, cap: float, now_ns: int) -> None:
-        """Let the stick pass to the front up to `cap`, a part of the swing, for `SLOWER_MS`: guidance before a door."""
-        self._slower = cap, now_ns
+    def hold_stick(self, hold: StickHold, now_ns: int) -> None:
+        """Hold the stick for `HELD_MS` as the guidance asks: slow at a door, and without a turn off the heading asked for."""
+        self._hold = hold, now_ns
 
     def limit(
         self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]
     ) -> SentCommand:
         """Send the board the caps of this tick; return the record of it. The level ends if the board has ended the guard."""
-        caps = self._slowed(self._caps(now_ns, stick, measured, sectors), now_ns)
+        caps = self._held(self._caps(now_ns, stick, measured, sectors), stick, now_ns)
         sent = self._bridge.limit(caps, now_ns, now_ns)
         ended = self._bridge.guard_end
         if ended:
@@ -146,13 +147,20 @@ class RiderGuard:
             self._override = self._override.after(now_ns, stick)
         return caps if self._override is None else crept(caps, stick, motion, self._body)
 
-    def _slowed(self, caps: Caps, now_ns: int) -> Caps:
-        """Return the caps with that of the guidance; one that is no number changes nothing."""
-        if self.level is not HelpLevel.GUIDE or self._slower is None:
+    def _held(self, caps: Caps, stick: JoystickInput | None, now_ns: int) -> Caps:
+        """Return the caps with those of the guidance; a number that is none changes nothing."""
+        if self.level is not HelpLevel.GUIDE or self._hold is None:
             return caps
-        cap, asked_ns = self._slower
-        fresh = 0 <= now_ns - asked_ns <= SLOWER_MS * 1_000_000
-        return replace(caps, front=cap) if fresh and cap < caps.front else caps
+        hold, asked_ns = self._hold
+        if not 0 <= now_ns - asked_ns <= HELD_MS * 1_000_000:
+            return caps
+        turn = 0.0 if stick is None else stick.turn
+        return replace(
+            caps,
+            front=min(caps.front, hold.front),
+            left=0.0 if max(turn, 0.0) < hold.left else caps.left,
+            right=0.0 if max(-turn, 0.0) < hold.right else caps.right,
+        )
 
     def _judged(self, pushes: Pushes, twists: tuple[Twist, ...]) -> Pushes | None:
         """Return the pushes of this tick or of the one before to which an answer belongs; None if it is of neither."""

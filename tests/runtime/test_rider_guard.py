@@ -10,6 +10,7 @@ import pytest
 from tests.runtime.riding import Ride
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.haptics.guidance import StickHold
 from waychair.control.safety.guard import SPOKEN, UNCALIBRATED
 from waychair.errors import TransportError
 from waychair.firmware_bridge.caps import STALE_CAP
@@ -127,20 +128,37 @@ def test_guidance_slows_the_stick_ahead_while_it_speaks_and_only_at_its_own_leve
     for level in (HelpLevel.GUARD, HelpLevel.GUIDE):
         ride.chair.choose_level(level)
         for cap in (0.2, math.nan):
-            for _ in range(3):
-                ride.chair.slow_ahead(cap, ride.simulator.now_ns)
-                state = ride.tick()
-            assert state.telemetry is not None
-            assert state.telemetry.guard is not None
-            ahead.append(state.telemetry.guard.caps[0])
+            ahead.append(_caps_under(ride, StickHold(cap))[0])
     assert ahead[2] == 0.2
     assert min(ahead[0], ahead[1]) > 0.5
     assert ahead[3] > 0.2  # it rises again, as slowly as every cap
-    ride.chair.slow_ahead(0.2, ride.simulator.now_ns)
+    ride.chair.hold_stick(StickHold(0.2), ride.simulator.now_ns)
     state = ride.tick(24)  # a guide that fell silent
     assert state.telemetry is not None
     assert state.telemetry.guard is not None
     assert state.telemetry.guard.caps[0] > 0.5
+
+
+def test_guidance_holds_a_drift_of_the_hand_but_no_turn_that_is_meant(ride: Ride) -> None:
+    _guarded(ride)
+    ride.chair.choose_level(HelpLevel.GUIDE)
+    held = {}
+    for turn in (0.1, -0.1, 0.2):
+        ride.simulator.rider = JoystickInput(0, 0.2, turn)
+        ride.tick(12)
+        held[turn] = _caps_under(ride, StickHold(left=0.12))[2] == 0.0
+    assert held == {0.1: True, -0.1: True, 0.2: False}
+    assert _caps_under(ride, StickHold(left=math.nan))[2] > 0.0
+
+
+def _caps_under(ride: Ride, hold: StickHold) -> tuple[float, float, float, float]:
+    """Return the board's caps after three ticks in which the guidance holds the stick."""
+    for _ in range(3):
+        ride.chair.hold_stick(hold, ride.simulator.now_ns)
+        state = ride.tick()
+    assert state.telemetry is not None
+    assert state.telemetry.guard is not None
+    return state.telemetry.guard.caps
 
 
 def test_f1_the_computer_dies_and_the_chair_is_slow_until_the_rider_lets_go(ride: Ride) -> None:

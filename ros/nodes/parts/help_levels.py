@@ -66,9 +66,9 @@ class HelpLevels:
         self._unscanned.take(told, time.monotonic_ns())
 
     def _take_haptics(self, state: HapticState) -> None:
-        """Hold the stick of a rider who is led as slow as the guide asks for."""
+        """Hold the stick of a rider who is led as the guide asks for."""
         if state.goal:
-            self._base.guard.slow_ahead(state.cap, time.monotonic_ns())
+            self._base.guard.hold_stick(state.hold, time.monotonic_ns())
 
     def _answer(self, request: Any, response: Any) -> Any:
         try:

@@ -7,9 +7,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, Nudge
+from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide import GuideConstants
-from waychair.control.haptics.guide_numbers import GAP_S
+from waychair.control.haptics.guide_numbers import ALL, DRIFT, GAP_S
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
@@ -24,7 +24,7 @@ TICK_S = 0.05
 
 @dataclass
 class PlainDriver:
-    """Obeys every symbol after exactly the rider's lag, on a chair without inertia."""
+    """Obeys every symbol after exactly the rider's lag, on a chair without inertia; the veer is the drift of the hand."""
 
     pose: Pose2
     rider: RiderModel
@@ -40,7 +40,7 @@ class PlainDriver:
         if not self.deaf:
             self._due.append((now_s + DURATIONS[symbol] + self.rider.lag_s, symbol))
 
-    def step(self, now_s: float) -> None:
+    def step(self, now_s: float, hold: StickHold) -> None:
         rider = self.rider
         for due, symbol in [each for each in self._due if each[0] <= now_s]:
             self._due.remove((due, symbol))
@@ -55,8 +55,11 @@ class PlainDriver:
                 self._held = Twist(0.0, side * rider.swivel)
             else:
                 self._held = Twist()
-        extra = sum(rate for until, rate in self._nudged if until > now_s)
-        self.twist = Twist(self._held.v, self._held.omega + extra)
+        turn = self._held.omega + sum(rate for until, rate in self._nudged if until > now_s)
+        passes_all = hold.left if turn > 0.0 else hold.right
+        swivels = self._held.v == 0.0
+        stopped = passes_all >= ALL or (passes_all >= DRIFT and not swivels and turn == self._held.omega)
+        self.twist = Twist(self._held.v * min(1.0, hold.front / PUSHED), 0.0 if stopped else turn)
         self.pose = self.pose @ Pose2(self.twist.v * TICK_S, 0.0, self.twist.omega * TICK_S)
 
 
@@ -70,7 +73,14 @@ class Drive:
     seconds: float
 
 
-def driven(plan: StepPlan, driver: PlainDriver, seconds: float = 120.0, known: RiderModel | None = None) -> Drive:
+PUSHED = 0.26
+"""Share of the swing to which the plain driver pushes the stick ahead."""
+
+
+def driven(
+    plan: StepPlan, driver: PlainDriver, seconds: float = 120.0, known: RiderModel | None = None, *, held: bool = False
+) -> Drive:
+    """Lead a driver, of whom `known` is known, along steps; `held`: a guard holds the stick as the guide asks."""
     guide, state, said = (
         GuideConstants(CHAIR_A, known or driver.rider, DURATIONS),
         GuideState(),
@@ -79,12 +89,12 @@ def driven(plan: StepPlan, driver: PlainDriver, seconds: float = 120.0, known: R
     tick, guidance = 0, None
     while guidance is None or not (guidance.arrived or guidance.astray or tick * TICK_S > seconds):
         tick += 1
-        inputs = GuideInputs(tick * 50_000_000, driver.pose, driver.twist)
+        inputs = GuideInputs(tick * 50_000_000, driver.pose, driver.twist, holds=held)
         guidance, state = guide.step(plan, state, inputs)
         if guidance.advice is not None:
             said.append((tick * TICK_S, guidance.advice.symbol))
             driver.hear(guidance.advice.symbol, tick * TICK_S)
-        driver.step(tick * TICK_S)
+        driver.step(tick * TICK_S, guidance.hold if held else StickHold())
     return Drive(said, guidance, driver, tick * TICK_S)
 
 
@@ -143,6 +153,42 @@ def test_a_door_is_passed_in_its_middle_by_odometry_alone_despite_a_veer() -> No
     offsets.append(at.y)
     assert at.x > CHAIR_A.rear
     assert abs(at.y) < 0.2
+
+
+def test_a_guard_that_holds_the_stick_leads_a_drifting_hand_with_weak_nudges_through_a_door() -> None:
+    door = DoorPassage(Pose2(3.5), 0.8)
+    drifting = RiderModel(nudge=math.radians(0.4), veer=math.radians(-4.5), speed=0.25)
+    drives = []
+    for held in (False, True):
+        plan = steps_through(door, Pose2(0.0, 0.4), CHAIR_A)
+        drives.append(driven(plan, PlainDriver(Pose2(0.0, 0.4), drifting), known=RiderModel(), held=held))
+    alone, helped = drives
+    assert not alone.last.arrived
+    assert helped.last.arrived
+    assert helped.seconds < 45.0
+    assert not any(symbol is Symbol.BACK for _, symbol in helped.said)
+
+
+def test_a_side_to_which_a_nudge_is_on_its_way_is_not_held() -> None:
+    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    straight = GuideInputs(now_ns, Pose2(1.0), Twist(0.3, 0.0), holds=True)
+    said = GuideState(step=0, phase=LeadingPhase.GO, said=Symbol.NUDGE_LEFT, said_ns=now_ns - 500_000_000)
+    quiet, _ = guide.step(corner(), said, straight)
+    nudged, _ = guide.step(corner(), replace(said, nudges=(Nudge(0.04, now_ns + 600_000_000),)), straight)
+    assert (quiet.hold.left, quiet.hold.right) == (DRIFT, DRIFT)
+    assert (nudged.hold.left, nudged.hold.right) == (0.0, DRIFT)
+
+
+def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
+    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    state = GuideState(
+        step=1, phase=LeadingPhase.TURN, heading=math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 10**9
+    )
+    holds = {}
+    for theta in (0.3, 1.2, 1.5):
+        word, _ = guide.step(corner(), state, GuideInputs(now_ns, Pose2(3.0, 0.0, theta), Twist(0.0, 0.4), holds=True))
+        holds[theta] = word.hold.left
+    assert holds == {0.3: 0.0, 1.2: 0.0, 1.5: ALL}
 
 
 def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:

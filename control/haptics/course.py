@@ -1,0 +1,49 @@
+"""The course of a chair along a leg of a plan and through its door, as geometry: poses on the leg, errors of aim, room."""
+
+from __future__ import annotations
+
+import math
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.guidance import GuideInputs
+from waychair.control.haptics.guide_numbers import HOLDS_S, IN_DOOR, LEAST_AIM, LOOK_AHEAD
+from waychair.geometry import wrap_angle
+from waychair.planning.steps.door_steps import HALF_WALL
+from waychair.planning.steps.step import Step
+from waychair.types import Pose2
+
+
+def on_leg(leg: Step, pose: Pose2) -> tuple[float, float, float]:
+    """Return along and left of the leg [m] and the heading to it [rad]."""
+    local = leg.start.inverse() @ pose
+    return local.x, local.y, local.theta
+
+
+def before_wall(step: Step, along: float, body: ChairBody) -> float:
+    """Return the distance [m] of the chair's front from the wall of a step's door, `along` [m] the leg."""
+    assert step.door is not None
+    at = step.start.inverse() @ step.door.map_from_door
+    return at.x - HALF_WALL - body.front - along
+
+
+def off_aim(step: Step, there: Pose2, body: ChairBody) -> float:
+    """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg."""
+    if step.door is not None and before_wall(step, there.x, body) > -IN_DOOR:
+        at = step.start.inverse() @ step.door.map_from_door
+        target = (max(at.x, there.x + LEAST_AIM), at.y)
+    else:
+        target = (there.x + LOOK_AHEAD, 0.0)
+    return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - there.theta)
+
+
+def course_error(step: Step, now: GuideInputs, body: ChairBody) -> float:
+    """Return the error of the course [rad, left positive] when a stick that is held now takes effect."""
+    way = Pose2(max(now.twist.v, 0.0) * HOLDS_S, 0.0, now.twist.omega * HOLDS_S)
+    return off_aim(step, step.start.inverse() @ now.pose @ way, body)
+
+
+def room_askew(step: Step, turned: float, body: ChairBody) -> float:
+    """Return the room [m] beside a chair that passes the door at an angle to its axis: less by the wall's thickness."""
+    assert step.door is not None
+    gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
+    return max(0.5 * (gap - body.width), 0.0)
