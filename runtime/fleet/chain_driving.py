@@ -290,8 +290,23 @@ class ChainDriver:
             elif here.section is not None and before.node == after.node:
                 goals.append(Goal(self._aside(here)))
         if len(spots) > 1:
-            goals.append(Goal(self._ways.names[spots[-1]]))
+            goals.append(self._end_of(spots))
         return tuple(goals)
+
+    def _end_of(self, spots: tuple[int, ...]) -> Goal:
+        """Return the goal at the end of a chain: a refuge's place, else the last pose within a section or at a node.
+
+        An order that a warden has made from the chairs' own words ends where a chair may still enter.
+        """
+        before, last = (self._spot_places[spot] for spot in spots[-2:])
+        if self._ways.names[spots[-1]] in self._places:
+            return Goal(self._ways.names[spots[-1]])
+        if last.section is None:
+            at, heading, _ = before.at(before.length)
+        else:
+            end = self._ways.graph.section[last.section].other(self._start_of(last))
+            at, heading, _ = last.at(max(0.0, last.length - self._rooms[end, last.section] - self._body.front))
+        return Goal(Pose2(float(at[0]), float(at[1]), heading))
 
     def _aside(self, place: SpotPlace) -> Pose2:
         """Return where a chair stands aside in a section: backed in, so that it faces the node by which it leaves again.

@@ -150,6 +150,26 @@ def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
     assert steps.goals == ()
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_a_chain_that_ends_on_the_way_ends_in_a_pose_within_its_last_spot(count: int) -> None:
+    start, goal = _rooms_apart(6.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    order = points.order
+    spots = order.chains[0].spots[:count]
+    last = spot_places(WAYS)[spots[-1]]
+    assert WAYS.names[spots[-1]] not in PLACES
+    driver = ChainDriver(WAYS, 0, CHAIR_A, PLACES)
+    shorter = replace(order, chains={0: replace(order.chains[0], spots=spots)})
+    (end,) = driver.step(shorter, PLACES[start].pose, 0).goals or ()
+    assert isinstance(end.target, Pose2)
+    at = np.array([end.target.x, end.target.y])
+    assert np.hypot(*(at - last.points).T).min() <= last.length
+    if last.section is not None:
+        foremost = at + CHAIR_A.front * np.array([math.cos(end.target.theta), math.sin(end.target.theta)])
+        assert np.hypot(*(foremost - last.points[0])) <= max(last.length, CHAIR_A.front) + 1e-9
+
+
 def test_the_goal_is_the_room_at_the_end_of_the_chain() -> None:
     start, goal = _rooms_apart(6.0)
     points = _Points({0: start}, {0: goal})
