@@ -22,7 +22,7 @@ from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
-from waychair.maps.grid.cells import are_occupied
+from waychair.maps.grid.cells import are_occupied, occupied_edges
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.window.motion_limits import measured
 from waychair.runtime.base_settings import BaseSettings
@@ -84,6 +84,7 @@ class Pilot:
         self._sight = _ScanView()  # since the last tick
         self._echo_filter = EchoFilter()
         self._tops = _NOTHING if tops is None else tops
+        self._mapped = occupied_edges(grid)
         self.mapped_legs = _NOTHING
         """Points of the latest scan that look like legs but are on the map, (N, 2) [m] in base; none if unlocalised."""
 
@@ -128,12 +129,13 @@ class Pilot:
         """Replace the map and the places; a drive under way is replanned, one that has ended stays ended."""
         self.navigator.redraw(drawn, places)
         self._tops = self._tops[are_occupied(drawn.grid, self._tops)]
+        self._mapped = occupied_edges(drawn.grid)
 
     @property
     def unscanned(self) -> Unscanned:
-        """Drop-offs, and things that only sonars, depth camera and map show, in map."""
+        """Drop-offs, things that only sonars, depth camera and map show, and the outline of the map's own, in map."""
         drops, things = self.navigator.beyond_scans
-        return Unscanned(drops, np.concatenate([things, self._tops]))
+        return Unscanned(drops, np.concatenate([things, self._tops]), self._mapped)
 
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Take in a scan without the beams that hit the chair itself, and the pose at which it was taken."""

@@ -27,6 +27,9 @@ from waychair.types import BoolArray, FloatArray, Twist
 LEAST_POINTS = 3
 """Fewest points of an obstacle; fewer are noise."""
 
+BESIDE_HAND = 0.01
+"""m beside a chair that a hand drives, by a lidar's noise more than nothing."""
+
 SLOWING, SLOWING_ALPHA = 0.6, 0.8
 """m/s^2, rad/s^2; braking in comfort, by which the chair begins to slow down."""
 
@@ -64,7 +67,7 @@ def permitted_along(
 
     `slim` (N,) marks those that may be legs. The share is at most that of a crawl if the chair `gave_way`.
     """
-    share, contact_s = _comfortable(points, slim, command, body, settings, gave_way)
+    share, contact_s = _comfortable(points, slim, command, body, settings, gave_way, 0.0)
     if share < 1.0 and contact_s < stop_seconds(command, settings, stops):  # with the clearance of a crawl
         return 0.0, contact_s
     return share, contact_s
@@ -82,8 +85,10 @@ def stoppable_along(
 ) -> float:
     """Return the share of a push, a twist that is not driven yet, from which the chair stops in comfort before points (N, 2)
     [m] in base, and in any case by its measured stops; 0 where not even a crawl can be stopped.
+
+    A hand does not hold its line as the computer does: beside it, `BESIDE_HAND` is kept at any speed.
     """
-    share, contact_s = _comfortable(points, slim, push, body, settings, gave_way)
+    share, contact_s = _comfortable(points, slim, push, body, settings, gave_way, BESIDE_HAND)
     for _ in range(_HALVINGS):
         slower = Twist(share * push.v, share * push.omega)
         if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops):
@@ -97,13 +102,19 @@ _HALVINGS = 6
 
 
 def _comfortable(
-    points: FloatArray, slim: BoolArray, command: Twist, body: ChairBody, settings: MonitorSettings, gave_way: bool
+    points: FloatArray,
+    slim: BoolArray,
+    command: Twist,
+    body: ChairBody,
+    settings: MonitorSettings,
+    gave_way: bool,
+    least_beside: float,
 ) -> tuple[float, float]:
     """Return the share of a command that stops in comfort, and the contact time [s] of the whole command."""
     share, contact_s = 0.0, math.inf
     considered = judged_shares(command, body)
     for pace in considered[-1:] if gave_way else considered:
-        contact_s = _contact_s(points, slim, command, body, settings.legs, float(pace), gave_way)
+        contact_s = _contact_s(points, slim, command, body, settings.legs, float(pace), gave_way, least_beside)
         share = max(share, min(float(pace), slow_share(contact_s, command, settings)))
         if share >= 1.0:
             return 1.0, contact_s
@@ -118,11 +129,12 @@ def _contact_s(
     legs: LegClearanceSettings,
     pace: float,
     gave_way: bool,
+    least_beside: float,
 ) -> float:
     """Return the driving time [s] until contact with enough points to be an obstacle."""
     if len(points) < LEAST_POINTS:
         return math.inf
-    times = contact_times(points, slim, command, body, legs, pace=pace, gave_way=gave_way)
+    times = contact_times(points, slim, command, body, legs, pace=pace, gave_way=gave_way, least_beside=least_beside)
     return float(np.partition(times, LEAST_POINTS - 1)[LEAST_POINTS - 1])
 
 
@@ -159,17 +171,19 @@ def contact_times(
     *,
     pace: float = 1.0,
     gave_way: bool = False,
+    least_beside: float = 0.0,
 ) -> FloatArray:
     """Return the driving times (N,) [s] until contact of a command's arc with points (N, 2) [m] in base; +inf if never.
 
-    The footprint is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
-    (N,), less once the chair `gave_way`; the time is that of the whole command. A point already within the grown
+    The footprint is grown by the `margins` of a share `pace` of the command's speed, by `least_beside` [m] at least, and by
+    more for points of `legs` (N,), less once the chair `gave_way`; the time is that of the whole command. A point already within the grown
     footprint is in contact now if it comes nearer by more than a centimetre in the next second; driving along it or
-    away from it is free. A point well within the footprint itself is in contact at once for any command that moves the
+    away from it is free; a point straight before the chair is not beside it, however near to its side's line. A point well within the footprint itself is in contact at once for any command that moves the
     chair.
     """
     s, x, y = leg_clearance, points[:, 0], points[:, 1]
     beside, besides_ahead = margins(command, body, pace)
+    beside = max(beside, least_beside)
     to_come = legs & ((x > body.front) | (x < -body.rear))
     beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside, s.ahead)
     # a corner that swings faster than the chair drives approaches people beside the chair
@@ -182,7 +196,9 @@ def contact_times(
     # move the side nearest to a point inwards until the point lies a centimetre outside
     gaps = np.stack([front - x, rear + x, half - np.abs(y)])
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
-    shrink = np.maximum(within + _CLOSER, 0.0)
+    straight = np.abs(y) < body.width / 2
+    nearest = np.where(straight & (x > body.front), 0, np.where(straight & (x < -body.rear), 1, nearest))
+    shrink = np.maximum(np.take_along_axis(gaps, nearest[None], axis=0)[0] + _CLOSER, 0.0)
     sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
     times = entry_times(x, y, command, *sides)
     times = np.where((within > 0.0) & (times < _SOON), 0.0, times)

@@ -3,7 +3,8 @@
 The rider drives; the caps slow or stop, and never steer. For each of the four directions one full push is judged: the
 push that the stick makes now, stretched to the end of the swing, and straight pushes in the other directions. Of its
 twist three shares are taken, and the least counts: that of the collision monitor, that of unseen space, and that of the
-points that no scan shows: drop-offs, and things that sonars or depth camera have seen. A drop-off is told to the board as
+points that no scan shows: drop-offs, things that sonars or depth camera have seen, and what the map shows where no
+sensor looks. A drop-off is told to the board as
 one, because the rider cannot override it.
 """
 
@@ -17,7 +18,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
 from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
-from waychair.control.safety.sight_speed import Sector, UnseenSettings, sight_share
+from waychair.control.safety.sight_speed import Sector, UnseenSettings, in_view, sight_share
 from waychair.firmware_bridge.bridge import AT_REST
 from waychair.firmware_bridge.caps import Caps, StickMotion
 from waychair.geometry import transform_points
@@ -28,6 +29,9 @@ GUARDED = (HelpLevel.GUARD, HelpLevel.GUIDE)
 
 WATCHED_WITHIN = 4.0
 """m; points farther away than a stop from the fastest push need not be judged."""
+
+BLIND_WITHIN = 1.5
+"""m; the same where no sensor looks, because the chair is slow there."""
 
 LEAST_SPEED = 0.05
 """m/s; a push that may be no faster than this is stopped, so that the chair does not creep up to things for ever."""
@@ -56,20 +60,39 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Unscanned:
-    """Points (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
+    """Points (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`.
+
+    `mapped` is the outline of all that the map shows: it counts where no sensor looks now, as behind the chair.
+    """
 
     drops: FloatArray = field(default_factory=_nothing)
     things: FloatArray = field(default_factory=_nothing)
+    mapped: FloatArray = field(default_factory=_nothing)
 
     def seen_from(self, map_from_base: Pose2) -> Unscanned:
         """Return points in map as points in base."""
         here = map_from_base.inverse()
-        return Unscanned(transform_points(here, self.drops), transform_points(here, self.things))
+        return Unscanned(*(transform_points(here, points) for points in (self.drops, self.things, self.mapped)))
 
-    def near(self, at: tuple[float, float] = (0.0, 0.0), within: float = WATCHED_WITHIN) -> Unscanned:
-        """Return the points within so far [m] of a place; by default those in base that matter to the next stop."""
-        drops, things = (points[np.hypot(*(points - at).T) <= within] for points in (self.drops, self.things))
-        return Unscanned(drops, things)
+    def near(self, at: tuple[float, float] = (0.0, 0.0), beyond: float = 0.0) -> Unscanned:
+        """Return the points that matter to the next stop of a chair within `beyond` [m] of a place, by default base."""
+
+        def within(points: FloatArray, way: float) -> FloatArray:
+            near: FloatArray = points[np.hypot(*(points - at).T) <= way + beyond]
+            return near
+
+        return Unscanned(
+            within(self.drops, WATCHED_WITHIN),
+            within(self.things, WATCHED_WITHIN),
+            within(self.mapped, BLIND_WITHIN),
+        )
+
+    def unwatched(self, body: ChairBody, sectors: Sequence[Sector]) -> FloatArray:
+        """Return the mapped points in base that no sector shows. Those inside the outline show an error of the pose."""
+        x, y = self.mapped.T
+        inside = (x < body.front) & (x > -body.rear) & (np.abs(y) < body.width / 2)
+        unseen: FloatArray = self.mapped[~inside & ~in_view(self.mapped, sectors)]
+        return unseen
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +141,14 @@ def caps_of(
     """
     seen = () if monitored is None else sectors
     near, caps, drops = unscanned.near(), [], []
+    things = np.concatenate([near.things, near.unwatched(body, seen)])
     for at, twist in enumerate(pushes.twists):
         falls = _share(near.drops, twist, body, monitor, stops)
         share = min(
             1.0 if monitored is None else monitored[at],
             sight_share(twist, body, seen, unseen),
             falls,
-            _share(near.things, twist, body, monitor, stops),
+            _share(things, twist, body, monitor, stops),
         )
         fastest = max(abs(twist.v), abs(twist.omega) * body.circumscribed_radius)
         share = share if share * fastest >= LEAST_SPEED else 0.0

@@ -60,7 +60,7 @@ def sight_share(
     corners = body.outline()
     x, y = corners.T
     outwards = np.maximum(np.sign(x) * (twist.v - twist.omega * y), np.sign(y) * twist.omega * x)
-    fastest = float(outwards[~_seen(corners, sectors)].max(initial=0.0))
+    fastest = float(outwards[~in_view(corners, sectors)].max(initial=0.0))
     share = min(1.0, settings.speed / max(fastest, 1e-9))
     if abs(twist.v) <= settings.speed:
         return share
@@ -79,7 +79,7 @@ def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector]) -> flo
     poses = arcs(gear * ways, twist.omega / abs(twist.v) * ways)
     line = np.column_stack([edge, across, np.zeros(_ACROSS)])
     points = compose(poses[:, None], line)[..., :2].reshape(-1, 2)
-    seen = _seen(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= SEEN_SHARE
+    seen = in_view(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= SEEN_SHARE
     return float(FAR_ENOUGH if seen.all() else ways[int(np.argmin(seen))] - _STEP)
 
 
@@ -113,7 +113,7 @@ _DROPPED = 2
 """Up to so many invalid beams in a row are drop-outs."""
 
 
-def _seen(points: FloatArray, sectors: Sequence[Sector]) -> BoolArray:
+def in_view(points: FloatArray, sectors: Sequence[Sector]) -> BoolArray:
     """Return a mask (N,) of points (N, 2) [m] in base that lie in any sector."""
     seen: BoolArray = np.zeros(len(points), np.bool_)
     for sector in sectors:

@@ -111,6 +111,14 @@ def occupied_points(grid: OccupancyGrid) -> FloatArray:
     return points_from_cells(grid, cells_where(occupied(grid)))
 
 
+def occupied_edges(grid: OccupancyGrid) -> FloatArray:
+    """Return the corners (N, 2) [m] of the occupied cells that border on others: the outline of all that stands."""
+    shown = np.pad(occupied(grid), 1).astype(np.int8)
+    around = shown[:-1, :-1] + shown[1:, :-1] + shown[:-1, 1:] + shown[1:, 1:]
+    corners = cells_where((around > 0) & (around < 4))[:, ::-1].astype(np.float64)
+    return transform_points(grid.map_from_grid, corners * grid.resolution)
+
+
 def are_occupied(grid: OccupancyGrid, points: FloatArray) -> BoolArray:
     """Return (N,) whether points (N, 2) [m] in map lie in occupied cells."""
     cells = cells_from_points(grid, points)

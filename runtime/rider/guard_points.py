@@ -7,11 +7,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from waychair.control.safety.guard import WATCHED_WITHIN, Unscanned
+from waychair.control.safety.guard import Unscanned
 from waychair.types import FloatArray, Pose2
 
-SENT_WITHIN = WATCHED_WITHIN + 1.0
-"""m; points so near to the chair are told: it drives less than a metre until they are told anew."""
+SENT_BEYOND = 1.0
+"""m beyond the points that matter now; the chair drives less until points are told anew."""
 
 STALE_NS = 1_000_000_000
 """ns; points told longer ago are not those round the chair any more."""
@@ -21,22 +21,23 @@ _Points: TypeAlias = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class GuardPoints:
-    """Points near a chair [m], in the map of a revision: drop-offs, and other things that no scan shows."""
+    """Points near a chair [m], in the map of a revision: drop-offs, other things that no scan shows, and what the map shows."""
 
     stamp_ns: int
     revision: int
     drops: _Points = ()
     things: _Points = ()
+    mapped: _Points = ()
 
     @classmethod
     def near(cls, stamp_ns: int, revision: int, unscanned: Unscanned, map_from_base: Pose2) -> GuardPoints:
         """Return those of all points in map that are near the chair."""
-        near = unscanned.near((map_from_base.x, map_from_base.y), SENT_WITHIN)
-        return cls(stamp_ns, revision, _plain(near.drops), _plain(near.things))
+        near = unscanned.near((map_from_base.x, map_from_base.y), SENT_BEYOND)
+        return cls(stamp_ns, revision, *map(_plain, (near.drops, near.things, near.mapped)))
 
     def unscanned(self) -> Unscanned:
         """Return the points in map."""
-        return Unscanned(np.array(self.drops).reshape(-1, 2), np.array(self.things).reshape(-1, 2))
+        return Unscanned(*(np.array(points).reshape(-1, 2) for points in (self.drops, self.things, self.mapped)))
 
 
 class ToldPoints:

@@ -111,7 +111,9 @@ class RiderGuard:
         self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]
     ) -> SentCommand:
         """Send the board the caps of this tick; return the record of it. The level ends if the board has ended the guard."""
-        caps = self._held(self._caps(now_ns, stick, measured, sectors), stick, now_ns)
+        hold = self._hold_now(now_ns)
+        passed = stick if stick is None else replace(stick, turn=_passed_turn(stick.turn, hold))
+        caps = _held(self._caps(now_ns, passed, measured, sectors), stick, hold)
         sent = self._bridge.limit(caps, now_ns, now_ns)
         ended = self._bridge.guard_end
         if ended:
@@ -147,21 +149,30 @@ class RiderGuard:
             self._override = self._override.after(now_ns, stick)
         return caps if self._override is None else crept(caps, stick, motion, self._body)
 
-    def _held(self, caps: Caps, stick: JoystickInput | None, now_ns: int) -> Caps:
-        """Return the caps with those of the guidance; a number that is none changes nothing."""
+    def _hold_now(self, now_ns: int) -> StickHold:
+        """Return the hold that the guidance asks for now; by default none."""
         if self.level is not HelpLevel.GUIDE or self._hold is None:
-            return caps
+            return StickHold()
         hold, asked_ns = self._hold
-        if not 0 <= now_ns - asked_ns <= HELD_MS * 1_000_000:
-            return caps
-        turn = 0.0 if stick is None else stick.turn
-        return replace(
-            caps,
-            front=min(caps.front, hold.front),
-            left=0.0 if max(turn, 0.0) < hold.left else caps.left,
-            right=0.0 if max(-turn, 0.0) < hold.right else caps.right,
-        )
+        return hold if 0 <= now_ns - asked_ns <= HELD_MS * 1_000_000 else StickHold()
 
     def _judged(self, pushes: Pushes, twists: tuple[Twist, ...]) -> Pushes | None:
         """Return the pushes of this tick or of the one before to which an answer belongs; None if it is of neither."""
         return next((each for each in (pushes, self._pushes) if each is not None and each.twists == twists), None)
+
+
+def _passed_turn(turn: float, hold: StickHold) -> float:
+    """Return what a hold passes of a stick's turn; a drift that it stops leads the chair nowhere, and is not judged."""
+    stopped = turn < hold.left if turn > 0.0 else -turn < hold.right
+    return 0.0 if stopped else turn
+
+
+def _held(caps: Caps, stick: JoystickInput | None, hold: StickHold) -> Caps:
+    """Return the caps with those of a hold; a number that is none changes nothing."""
+    turn = 0.0 if stick is None else stick.turn
+    return replace(
+        caps,
+        front=min(caps.front, hold.front),
+        left=0.0 if max(turn, 0.0) < hold.left else caps.left,
+        right=0.0 if max(-turn, 0.0) < hold.right else caps.right,
+    )

@@ -6,17 +6,19 @@ import math
 
 import numpy as np
 
-from waychair.control.safety.guard import Unscanned
+from waychair.control.safety.guard import BLIND_WITHIN, WATCHED_WITHIN, Unscanned
 from waychair.ros.messages.json_text import json_text, read_json_text
-from waychair.runtime.rider.guard_points import SENT_WITHIN, STALE_NS, GuardPoints, ToldPoints
+from waychair.runtime.rider.guard_points import SENT_BEYOND, STALE_NS, GuardPoints, ToldPoints
 from waychair.types import Pose2
 
 HERE = Pose2(2.0, 1.0, math.pi / 2)
-STAIRS, SHELF, FAR = (2.0, 3.0), (1.5, 1.0), (2.0, 1.0 + SENT_WITHIN + 0.1)
+STAIRS, SHELF, FAR = (2.0, 3.0), (1.5, 1.0), (2.0, 1.0 + WATCHED_WITHIN + SENT_BEYOND + 0.1)
+WALL, FAR_WALL = (2.0, 0.5), (2.0, 1.0 - BLIND_WITHIN - SENT_BEYOND - 0.1)
 
 
 def told() -> GuardPoints:
-    return GuardPoints.near(7, 3, Unscanned(np.array([STAIRS, FAR]), np.array([SHELF])), HERE)
+    points = Unscanned(np.array([STAIRS, FAR]), np.array([SHELF]), np.array([WALL, FAR_WALL]))
+    return GuardPoints.near(7, 3, points, HERE)
 
 
 def test_the_points_near_the_chair_arrive_as_it_sees_them() -> None:
@@ -26,8 +28,9 @@ def test_the_points_near_the_chair_arrive_as_it_sees_them() -> None:
     assert seen is not None
     np.testing.assert_allclose(seen.drops, [[2.0, 0.0]], atol=1e-9)
     np.testing.assert_allclose(seen.things, [[0.0, 0.5]], atol=1e-9)
+    np.testing.assert_allclose(seen.mapped, [[-0.5, 0.0]], atol=1e-9)
     empty = GuardPoints(0, 3).unscanned()
-    assert empty.drops.shape == empty.things.shape == (0, 2)
+    assert empty.drops.shape == empty.things.shape == empty.mapped.shape == (0, 2)
 
 
 def test_what_is_stale_of_another_map_or_was_never_told_is_not_known() -> None:

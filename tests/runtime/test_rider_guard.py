@@ -18,6 +18,7 @@ from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.rider.rider_guard import NOTHING_HELD, OVERRIDES
+from waychair.simulation.plan.plan_blocks import fill_rectangle
 from waychair.simulation.scene.scene import Block, Pit
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem
@@ -149,6 +150,34 @@ def test_guidance_holds_a_drift_of_the_hand_but_no_turn_that_is_meant(ride: Ride
         held[turn] = _caps_under(ride, StickHold(left=0.12))[2] == 0.0
     assert held == {0.1: True, -0.1: True, 0.2: False}
     assert _caps_under(ride, StickHold(left=math.nan))[2] > 0.0
+
+
+def test_a_drift_that_is_held_is_not_judged_as_a_turn_into_the_wall_beside_the_chair() -> None:
+    wall = Block(Pose2(3.0, 2.5 - CHAIR_A.width / 2 - 0.2), 2.0, 0.2, 0.0, 1.5)
+    with Ride(blocks=(wall,)) as ride:
+        _guarded(ride)
+        ride.chair.choose_level(HelpLevel.GUIDE)
+        ride.simulator.rider = JoystickInput(0, 0.15, -0.06)
+        ride.tick(6)
+        judged = _caps_under(ride, StickHold())[0]  # as a full push to the front and the right
+        assert _caps_under(ride, StickHold(right=0.2))[0] > 2.0 * judged
+
+
+def test_a_wall_of_the_map_behind_the_chair_stops_it_and_only_the_map_tells_of_it() -> None:
+    behind = Block(Pose2(2.0 - CHAIR_A.rear - 0.3, 2.5), 0.2, 2.0, 0.0, 1.5)
+    with Ride(blocks=(behind,)) as ride:
+        grid = ride.setup.grid
+        fill_rectangle(grid.cells, grid, behind.middle, behind.length, behind.width)
+        _guarded(ride)
+        ride.chair.redraw(ride.chair.drawn(grid, ()), (), {})
+        ride.simulator.rider = JoystickInput(0, -0.8, 0.0)
+        state = ride.tick(60)
+        assert ride.simulator.contacts == 0
+        assert ride.speed == pytest.approx(0.0, abs=0.02)
+        assert 0.0 < ride.simulator.truth().x - CHAIR_A.rear - behind.middle.x - 0.1 < 0.1
+        assert state.telemetry is not None
+        assert state.telemetry.guard is not None
+        assert state.telemetry.guard.capped
 
 
 def _caps_under(ride: Ride, hold: StickHold) -> tuple[float, float, float, float]:

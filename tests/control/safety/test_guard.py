@@ -9,7 +9,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.safety.arc_clearance import MonitorSettings
+from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
 from waychair.control.safety.collision_monitor import Monitor
 from waychair.control.safety.guard import CREEP, OVERRIDE_S, PressedOverride, Unscanned, caps_of, crept, pushes_of
 from waychair.control.safety.sight_speed import Sector, UnseenSettings
@@ -95,6 +95,17 @@ def test_a_thing_that_only_sonars_or_camera_see_caps_and_can_be_overridden() -> 
     assert not any(_caps(unscanned=Unscanned(things=_line(CHAIR_A.front + 0.1))).drops)
 
 
+def test_a_wall_of_the_map_caps_where_no_sensor_looks_unless_the_chair_seems_to_stand_in_it() -> None:
+    behind = Unscanned(mapped=_line(-CHAIR_A.rear - 0.03))
+    assert _caps(unscanned=behind) == _caps()  # the sensors look there, and see no wall
+    caps = _caps(sectors=AHEAD, unscanned=behind)
+    assert (caps.front, caps.rear) == (1.0, 0.0)
+    assert not any(caps.drops)
+    within = Unscanned(mapped=_line(-CHAIR_A.rear + 0.01)[18:23])  # by an error of the pose
+    assert _caps(sectors=AHEAD, unscanned=within) == _caps(sectors=AHEAD)
+    assert _caps(monitored=None, unscanned=Unscanned(mapped=_line(CHAIR_A.front + 0.03))).front == 0.0  # a blind lidar
+
+
 def test_an_override_raises_each_cap_to_a_creep_and_none_towards_a_drop_off() -> None:
     held = Caps(0.0, 0.02, 0.6, 0.0, drops=(False, False, False, True))
     raised = crept(held, JoystickInput(0, 1.0, 0.0), STICK, CHAIR_A)
@@ -149,3 +160,24 @@ def test_the_monitor_gives_a_share_for_each_push_and_none_without_a_fit_scan() -
     nearer = _seen(0.35).shares(pushes, Twist(), 0)  # a fast drive would be stopped here, and a slow push creeps on
     assert nearer is not None
     assert 0.0 < nearer[FRONT] < wall[FRONT]
+
+
+def test_three_points_straight_before_the_chair_stop_a_push_however_near_to_its_sides_line() -> None:
+    for inwards in (0.001, 0.004, 0.02):
+        jamb = np.array([[CHAIR_A.front + 0.005, -CHAIR_A.width / 2 + inwards]] * 3)
+        assert _push_at(jamb, Twist(0.3, 0.0)) == 0.0
+        assert _push_at(jamb, Twist(-0.3, 0.0)) == 1.0
+        behind = jamb * (-CHAIR_A.rear - 0.005, 1.0) / (CHAIR_A.front + 0.005, 1.0)
+        assert _push_at(behind, Twist(-0.3, 0.0)) == 0.0
+
+
+def test_a_hand_does_not_pass_a_jamb_within_the_noise_of_the_scan_and_passes_a_wider_door() -> None:
+    for room, passes in ((0.002, False), (0.008, False), (0.015, True), (0.05, True)):
+        jamb = np.array([[CHAIR_A.front + 0.1, -CHAIR_A.width / 2 - room]] * 3)
+        assert (_push_at(jamb, Twist(0.3, 0.0)) == 1.0) is passes
+        beside = np.array([[0.3, -CHAIR_A.width / 2 - room]] * 3)
+        assert _push_at(beside, Twist(0.3, 0.0)) == 1.0  # a chair that stands in the door gets out of it
+
+
+def _push_at(points: FloatArray, push: Twist) -> float:
+    return stoppable_along(points, np.zeros(len(points), np.bool_), push, CHAIR_A, MONITOR)
