@@ -218,6 +218,13 @@ class LiveStack:
         told, true = self.localisation.map_from_base, self.really.odom_from_base
         return math.hypot(told.x - true.x, told.y - true.y)
 
+    def ask(self, goal: Pose2) -> int:
+        """Ask for a goal, and return its id once the bridge knows it."""
+        assert self.client.go_to_pose(goal)
+        shown = self.client.goal_id
+        self.until(lambda: self.state is not None and self.state.goal_id == shown, "the goal")
+        return shown
+
     def drive(self, ask: Callable[[], object], there: Callable[[], bool], patience_s: float = 120.0) -> None:
         """Request a drive, confirm it, and receive messages until `there` is true.
 

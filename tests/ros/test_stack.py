@@ -302,24 +302,19 @@ def test_a_paused_drive_stands_and_continues_on_request(stack: LiveStack) -> Non
 
 def test_another_goal_ends_the_present_drive_and_waits_for_its_own_confirmation(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
-    first = stack.state.goal_id if stack.state is not None else 0
-    assert stack.client.go_to_pose(elsewhere(stack))
-    stack.until(lambda: stack.state is not None and stack.state.goal_id != first, "the other goal")
+    stack.ask(elsewhere(stack))
     assert not stack.driving
     assert stack.client.cancel() == (True, "cancelled")
 
 
 def test_a_confirmation_of_a_replaced_goal_is_refused(stack: LiveStack) -> None:
     goal = far_from(stack)
-    assert stack.client.go_to_pose(goal)
-    shown = stack.client.goal_id
-    stack.until(lambda: stack.state is not None and stack.state.goal_id == shown, "the goal")
+    shown = stack.ask(goal)
     told = waychair(stack.domain, "confirm", "5.0,1.0,0")
     assert told.returncode == 1
     assert f"the waiting goal is {'bath' if goal == FAR else 'entrance'}: check it" in told.stderr
     for _ in range(TRIES):
-        assert stack.client.go_to_pose(elsewhere(stack))
-        stack.until(lambda: stack.state is not None and stack.state.goal_id == stack.client.goal_id, "the other goal")
+        stack.ask(elsewhere(stack))
         done, sentence = stack.client.confirm(goal_id=shown)
         assert not done
         if not sentence.startswith("there is no goal"):  # which a busy computer has ended
