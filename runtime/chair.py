@@ -428,7 +428,10 @@ class Chair:
 
     def _unscanned(self, map_from_base: Pose2) -> Unscanned:
         """Return what the guard watches beside the scans, in base; nothing while unlocalised."""
-        return Unscanned() if self._localisation is None else self._pilot.unscanned.seen_from(map_from_base)
+        if self._localisation is None:
+            return Unscanned()
+        # the outline of a whole map is thinned before it is transformed
+        return self._pilot.unscanned.near((map_from_base.x, map_from_base.y)).seen_from(map_from_base)
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:

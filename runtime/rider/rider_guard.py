@@ -161,18 +161,23 @@ class RiderGuard:
         return next((each for each in (pushes, self._pushes) if each is not None and each.twists == twists), None)
 
 
+def _stopped(turn: float, hold: StickHold) -> tuple[bool, bool]:
+    """Return whether a hold stops a stick's turn to the left, and to the right."""
+    return max(turn, 0.0) < hold.left, max(-turn, 0.0) < hold.right
+
+
 def _passed_turn(turn: float, hold: StickHold) -> float:
     """Return what a hold passes of a stick's turn; a drift that it stops leads the chair nowhere, and is not judged."""
-    stopped = turn < hold.left if turn > 0.0 else -turn < hold.right
-    return 0.0 if stopped else turn
+    left, right = _stopped(turn, hold)
+    return 0.0 if (left if turn > 0.0 else right) else turn
 
 
 def _held(caps: Caps, stick: JoystickInput | None, hold: StickHold) -> Caps:
     """Return the caps with those of a hold; a number that is none changes nothing."""
-    turn = 0.0 if stick is None else stick.turn
+    left, right = _stopped(0.0 if stick is None else stick.turn, hold)
     return replace(
         caps,
         front=min(caps.front, hold.front),
-        left=0.0 if max(turn, 0.0) < hold.left else caps.left,
-        right=0.0 if max(-turn, 0.0) < hold.right else caps.right,
+        left=0.0 if left else caps.left,
+        right=0.0 if right else caps.right,
     )
