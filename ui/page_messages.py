@@ -80,6 +80,7 @@ def _others(others: OthersView) -> Json:
         "waits": others.waits,
         "seconds": None if others.seconds is None else round(others.seconds),
         "chairs": [{"number": number, "told": told} for number, told in others.others],
+        "tones": others.tones,
     }
 
 

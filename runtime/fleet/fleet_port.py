@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
@@ -142,7 +142,7 @@ class FleetPort:
             member.driver.stand_in(spots)
         self._note_end(member, pilot, now_ns)
         step = member.step(now_ns, pose, self._left(pilot), by_rider, self._sight, navigation)
-        self.others = member.others(now_ns)
+        self.others = replace(member.others(now_ns), tones=self.others.tones + step.tone)
         drive = self._drive
         if drive is None:
             pilot.navigator.granted.authority = FREE

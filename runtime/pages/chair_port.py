@@ -73,12 +73,14 @@ class OthersView:
     """The other chairs of the building as a page shows them.
 
     `waits`: why this chair waits for its turn, as a sentence without the time; empty while it does not. `seconds`: the time [s]
-    that is left of the wait, None where no end is foreseen. `others`: number and state in words of each other chair.
+    that is left of the wait, None where no end is foreseen. `others`: number and state in words of each other chair. `tones`: the
+    times that the chair came out of a place aside by its own eyes; each time a tone warns people and chairs on the way.
     """
 
     waits: str = ""
     seconds: float | None = None
     others: tuple[tuple[int, str], ...] = ()
+    tones: int = 0
 
 
 @dataclass(frozen=True, slots=True)

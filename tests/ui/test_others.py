@@ -27,6 +27,18 @@ globalThis.phrases = [];
 speechSynthesis.getVoices = () => [{}];
 speechSynthesis.speak = (said) => phrases.push(said.text);
 speechSynthesis.cancel = () => {};
+globalThis.notes = [];
+globalThis.AudioContext = new Proxy(AudioContext, { construct: (kind) => {
+  const context = new kind();
+  const make = context.createOscillator.bind(context);
+  context.createOscillator = () => {
+    const note = make();
+    const start = note.start.bind(note);
+    note.start = (at) => { notes.push(note.frequency.value); start(at); };
+    return note;
+  };
+  return context;
+} });
 const look = () => {
   const shown = document.getElementById("others-waits");
   if (!shown) return setTimeout(look, 20);
@@ -36,7 +48,7 @@ const look = () => {
 };
 look();
 """
-"""Notes when the sentence comes and goes, and replaces the voice, which Chromium without a window does not have."""
+"""Notes when the sentence comes and goes, and the tones; replaces the voice, which Chromium without a window does not have."""
 
 
 class Shared:
@@ -101,6 +113,13 @@ def test_the_sentence_comes_and_goes_within_half_a_second_and_is_spoken(page: Pa
     assert spoken[:2] == ["Waits for chair 2 to leave the corridor: about 20 s more.", "Goes on."]
     assert len(spoken) == 2 * WAITS
     assert page.inner_text("#others-list").splitlines() == ["Chair 2: On the way to room 4.", "Chair 3: Stands by."]
+
+
+def test_a_tone_is_sounded_once_for_each_way_out_by_its_own_eyes(page: Page, shared: Shared) -> None:
+    for count in (1, 2):
+        shared.others = OthersView(others=OTHERS, tones=count)
+        page.wait_for_timeout(800)  # several views
+        assert page.evaluate("notes") == count * [880, 660]
 
 
 def test_axe_finds_no_fault_while_the_chair_waits(page: Page, shared: Shared) -> None:

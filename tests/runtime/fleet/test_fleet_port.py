@@ -28,8 +28,9 @@ STEP_NS = 100_000_000
 class Alone:
     """The only chair of a building, with its pilot; `air` hears what it says."""
 
-    def __init__(self) -> None:
-        self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1,)))
+    def __init__(self, chairs: tuple[int, ...] = (1,)) -> None:
+        """`chairs`: the fleet's; none but number 1 is there."""
+        self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset(chairs))
         self.air = CarriedMessages([1, 2])
         self.port = FleetPort(self.fleet, 1, 101, CarriedEnd(self.air, 1), CHAIR_A, GRID, PLACES, self.redraw)
         self.pilot = Pilot(GRID, PLACES, CHAIR_A)
@@ -92,6 +93,16 @@ def test_a_chair_that_its_rider_steers_says_so_and_where_it_is() -> None:
     state = chair.state()
     assert state.mode == MANUAL
     assert section.name in [WAYS.names[spot] for spot in state.entered]
+
+
+def test_a_chair_that_leaves_its_room_by_its_own_eyes_sounds_its_tone() -> None:
+    chair = Alone((1, 2, 3))
+    chair.run(4.0)
+    chair.ask()
+    chair.run(4.9)
+    assert chair.port.others.tones == 0
+    chair.run(5.0)
+    assert chair.port.others.tones == 1
 
 
 def test_goals_off_the_graph_and_maps_without_its_places_are_refused() -> None:

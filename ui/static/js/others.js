@@ -2,11 +2,12 @@
 
 import { on } from "./link.js";
 import { $, element, sentenceOf, setText } from "./page.js";
-import { soundWanted, speakOnly } from "./sound.js";
+import { soundWanted, speakOnly, warn } from "./sound.js";
 
 const GOES_ON = "Goes on.";
 
 let told = ""; // the wait that was spoken last
+let tones = null; // those that were due so far; null before the first view
 
 /** The wait with its time; the last seconds are not counted, as people walk as they like. */
 function waitOf({ waits, seconds }) {
@@ -17,6 +18,8 @@ function waitOf({ waits, seconds }) {
 
 function show({ others }) {
   $("others").hidden = !others;
+  if (tones !== null && others?.tones > tones) warn();
+  tones = others?.tones ?? null;
   if (!others) {
     told = "";
     return;

@@ -72,6 +72,16 @@ export function beep(frequency) {
   }
 }
 
+/** Two notes that fall, for people and chairs on the way that this chair enters; also where tone and voice are off. */
+export function warn() {
+  try {
+    tone(880, 0);
+    tone(660, 0.3);
+  } catch {
+    // no sound on this computer
+  }
+}
+
 function speak(phrase) {
   const spoken = new SpeechSynthesisUtterance(phrase);
   spoken.lang = "en";
