@@ -15,9 +15,10 @@ import numpy as np
 
 from waychair.errors import TaskError
 from waychair.planning.fleet.granting import granted
-from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, stopped
+from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked, stopped
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Wait, waits
+from waychair.planning.fleet.ways import Ways
 
 LEASE_MS = 3_000
 """ms for which a grant holds without a renewal."""
@@ -101,6 +102,14 @@ class WardenState:
     blocked_until_ms: Mapping[int, int] = field(default_factory=dict)
     expected_ms: Mapping[int, int] = field(default_factory=dict)
     priorities: Mapping[int, Priority] = field(default_factory=dict)
+
+
+def warm_up(ways: Ways) -> None:
+    """Load the planner's compiled parts, by plans for two chairs that want each other's places."""
+    places = list(ways.slots)[:2]
+    state = WardenState(parked(ways, dict(enumerate(places))), 1)
+    requests = (Request(1 + chair, chair, place, 0) for chair, place in enumerate(reversed(places)))
+    decided(state, Heard(requests=tuple(requests)), 0)
 
 
 def decided(state: WardenState, heard: Heard, now_ms: int) -> tuple[WardenState, tuple[Reply, ...], tuple[Wait, ...]]:

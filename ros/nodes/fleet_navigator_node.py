@@ -18,11 +18,12 @@ from waychair.ros.nodes.node import run_node
 from waychair.runtime.fleet.chair_fleet import joined_fleet
 from waychair.runtime.fleet.fleet_port import FleetPort
 from waychair.runtime.fleet.network.peer_process import PARKED_NS, STEP_S, clock_ns, new_boot
+from waychair.runtime.fleet.prompt_answers import PromptAnswers
 from waychair.types import DriveMode, Goal, Pose2
 
 _STEP_HZ, _OTHERS_HZ = 10.0, 5.0
 _LOOKS_HZ = 50.0
-"""Rate at which the node looks for a Request or an Answer, which is stepped at once."""
+"""Rate at which the node looks whether it may enter more than at its last step."""
 
 _BY_RIDER = frozenset({DriveMode.MANUAL, DriveMode.GUARDED, DriveMode.ASSISTED})
 _MOVES = 0.02  # m/s or rad/s
@@ -42,10 +43,11 @@ class FleetNavigatorNode(NavigatorNode):
             raise ConfigError(str(error)) from None
         self.at_end(self._joined.transport.close)
         self.at_end(self._say_parked)
+        self.at_end(PromptAnswers(self._joined.transport, self._answer).close)
         self._boot = new_boot()
         self._tell_others = self.publisher(topics.OTHERS)
         self.every(_STEP_HZ, self._step_fleet)
-        self.every(_LOOKS_HZ, self._answer_at_once)
+        self.every(_LOOKS_HZ, self._go_on_at_once)
         self.every(_OTHERS_HZ, self._show_others)
 
     def begin_leg(self, goal: Goal, goal_id: int) -> None:
@@ -111,8 +113,14 @@ class FleetNavigatorNode(NavigatorNode):
             self._step_fleet()
             self._joined.transport.wait(STEP_S)
 
-    def _answer_at_once(self) -> None:
-        if self._joined.transport.is_urgent:
+    def _answer(self) -> None:
+        """Answer other chairs; another thread calls it."""
+        port = self._port
+        if port is not None:
+            port.answer(clock_ns())
+
+    def _go_on_at_once(self) -> None:
+        if self._port is not None and self._port.has_news:
             self._step_fleet()
 
     def _show_others(self) -> None:

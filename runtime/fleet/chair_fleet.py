@@ -14,7 +14,7 @@ from waychair.planning.fleet.peers.peer import Fleet
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet, open_to_lan
 from waychair.runtime.fleet.network.fleet_keys import checked_keys
-from waychair.runtime.fleet.network.peer_process import fleet_of
+from waychair.runtime.fleet.network.peer_process import fleet_of, load_planner
 from waychair.runtime.fleet.network.zenoh_transport import ZenohTransport
 
 FLEET, LAN = "WAYCHAIR_FLEET", "WAYCHAIR_FLEET_LAN"
@@ -59,6 +59,7 @@ def joined_fleet(environment: Mapping[str, str] = os.environ) -> ChairFleet:
         raise FleetError(f"no fleet is named: give `waychair up --fleet`, or set {FLEET}")
     file = _chairs_file(Path(path))
     fleet = fleet_of(file)
+    load_planner(fleet)
     log = None if file.log is None else AuditFile(file.log)
     transport = ZenohTransport(file, fleet.building, lan=environment.get(LAN) == "1")
     return ChairFleet(fleet, file.number, transport, log, file.electorate)

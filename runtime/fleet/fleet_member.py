@@ -1,15 +1,15 @@
 """A chair as a member of a live fleet: its driver and peer, its network, its wish, and the words for its rider.
 
-The owner steps it ten times a second, and at once when a Request or an Answer has come. It gives the chair's authority and
-goals; everything that stops the chair stays in the chair.
+The owner steps it ten times a second; between two steps another thread may let it answer what has come, see `prompt_answers.py`.
+It gives the chair's authority and goals; everything that stops the chair stays in the chair.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from waychair.control.drive.navigation import Navigation
 from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
@@ -18,9 +18,9 @@ from waychair.planning.fleet.waits import Reason, Wait
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, TOLD, TOLD_NS, Given, Told, note_bytes, note_from
-from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
-from waychair.runtime.fleet.network.transport import PeerTransport
+from waychair.runtime.fleet.electorate_file import kept_electorate
 from waychair.runtime.fleet.peer_driving import PeerDriver
+from waychair.runtime.fleet.peer_post import FleetTransport, Measures, PeerPost
 from waychair.runtime.fleet.shut_ways import ShutWays
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.pages.chair_port import OthersView
@@ -33,24 +33,6 @@ AGAIN_NS = 5_000_000_000
 """A wish that was refused is made again after so long: the building may have changed."""
 
 _RULES = {each.value: each for each in Reason}
-
-
-class FleetTransport(PeerTransport, Protocol):
-    """A transport that also carries messages beside the peers' own."""
-
-    def received_aside(self) -> list[tuple[int, bytes]]:
-        """Return these messages since the last call, with the number of each sender as the network knows it."""
-
-
-@dataclass(slots=True)
-class Measures:
-    """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
-
-    The ages hold on one computer, whose programs have one clock.
-    """
-
-    answers_ms: list[float] = field(default_factory=list)
-    ages_ms: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +69,16 @@ class FleetMember:
         """
         peer = Peer(fleet, number, boot, electorate=kept_electorate(memory, fleet.numbers))
         self.driver = PeerDriver(fleet.ways, peer, driver, start)
-        self._shut, self._files = ShutWays(driver), (log, memory)
-        self.measures = Measures()
+        self.has_news = False
+        """Whether an answer since the last step has changed what the chair may enter."""
+        self._shut = ShutWays(driver)
+        self._post = PeerPost(transport, log, memory)
+        self._lock = threading.RLock()  # for all below, and the driver
+        self._said: list[str] = []  # sentences for people since the last step
         self._fleet = fleet
-        self._transport = transport
         self._wish: OwnWish | None = None
         self._wishes = 0
         self._given: tuple[Priority, int] | None = None  # by staff, and when it was heard last
-        self._asked_ns: int | None = None  # since when a Request has been without an answer
         self._refused: tuple[str, int] | None = None
         self._waits_since_ns: int | None = None
         self._present: Wait | None = None
@@ -108,10 +92,12 @@ class FleetMember:
 
     def want(self, goal: str | None, now_ns: int, priority: Priority = Priority.ROUTINE) -> None:
         """Wish for a refuge, or for none any more."""
-        self._wish, self._asked_ns, self._refused = None, None, None
-        if goal is not None:
-            self._wishes += 1
-            self._wish = OwnWish(self._wishes, goal, priority, now_ns)
+        with self._lock:
+            self._wish = self._refused = None
+            self._post.forget_request()
+            if goal is not None:
+                self._wishes += 1
+                self._wish = OwnWish(self._wishes, goal, priority, now_ns)
 
     def step(
         self,
@@ -127,25 +113,54 @@ class FleetMember:
         `now_ns` is a monotonic clock that runs while the computer sleeps; `sight`: see `PeerDriver.step`. By its `navigation` the
         chair finds sections shut, which it tells the others.
         """
+        with self._lock:
+            return self._step(self._post.begin(now_ns), pose, goals_left, manual, sight, navigation)
+
+    def answer(self, now_ns: int) -> None:
+        """Take what has come, and answer it, between two steps: from any thread."""
+        with self._lock:
+            if not self.driver.can_answer:
+                return
+            now_ns, before = self._post.begin(now_ns), self.driver.authority
+            step = self.driver.answer(now_ns, self._post.transport.received())
+            self._said += self._post.pass_on(step)
+            self._measure()
+            self.has_news = self.has_news or step.authority != before
+
+    def _step(
+        self,
+        now_ns: int,
+        pose: Pose2,
+        goals_left: int,
+        manual: bool,
+        sight: SpotSight | None,
+        navigation: Navigation | None,
+    ) -> MemberStep:
         self._hear_aside(now_ns)
-        heard = self._transport.received()
+        heard = self._post.transport.received()
         wish = None if self._wish is None else replace(self._wish, priority=int(self._priority(now_ns)))
         found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, sight)
-        log, memory = self._files
-        said = [keep_electorate(memory, found.peer.electorate)]
-        for to, kind, data in found.peer.send:
-            self._transport.send(to, kind, data)
-            if kind == "request" and self._asked_ns is None:
-                self._asked_ns = now_ns
-        self._measure(now_ns)
+        self.has_news = False
+        said = (*self._said, *self._post.pass_on(found.peer))
+        self._said.clear()
+        self._measure()
         self._retry(now_ns)
         wait = self._present = self._wait(now_ns)
         told = self.driver.authority.sentence if self._refused is None else self._refused[0]
         self._tell(now_ns, wait, told)
         if navigation is not None and not manual:
             self._note_shut(now_ns, navigation, pose)
-        said += [] if log is None else [log.add(found.peer.records, now_ns)]
-        return MemberStep(found.driven, wait, told, (*found.peer.notices, *filter(None, said)), found.tone)
+        return MemberStep(found.driven, wait, told, said, found.tone)
+
+    def measured(self) -> Measures:
+        """Return what was measured since the last call."""
+        with self._lock:
+            return self._post.taken_measures()
+
+    def stand_in(self, spots: Sequence[int]) -> None:
+        """Go on from other spots, see `PeerDriver.stand_in`."""
+        with self._lock:
+            self.driver.stand_in(spots)
 
     def park(self) -> None:
         """Say from now on that the chair is about to be switched off, if it stands in a refuge: the others count it no more."""
@@ -153,6 +168,10 @@ class FleetMember:
 
     def others(self, now_ns: int) -> OthersView:
         """Return the other chairs, and the present wait, for the rider's page."""
+        with self._lock:
+            return self._others_view(now_ns)
+
+    def _others_view(self, now_ns: int) -> OthersView:
         wait = self._present
         seconds = None if wait is None or wait.foreseen_ms is None else wait.foreseen_ms / 1e3
         known = self.driver.peer.known
@@ -174,7 +193,7 @@ class FleetMember:
         return Priority(self._wish.priority)
 
     def _hear_aside(self, now_ns: int) -> None:
-        for sender, data in self._transport.received_aside():
+        for sender, data in self._post.transport.received_aside():
             told = note_from(Told, data) if sender in self._fleet.chairs else None
             if told is not None:
                 self._others[sender] = told
@@ -194,12 +213,8 @@ class FleetMember:
         if found and not self.driver.authority.alone:
             self.driver.note_shut(found)
 
-    def _measure(self, now_ns: int) -> None:
-        peer = self.driver.peer
-        self.measures.ages_ms += [(now_ns - each.sent_ns) / 1e6 for each in peer.known.values()]
-        if self._asked_ns is not None and self._wish is not None and peer.answered == self._wish.number:
-            self.measures.answers_ms.append((now_ns - self._asked_ns) / 1e6)
-            self._asked_ns = None
+    def _measure(self) -> None:
+        self._post.measure(self.driver.peer, 0 if self._wish is None else self._wish.number)
 
     def _retry(self, now_ns: int) -> None:
         """Wish again, after a while, for a goal that was refused."""
@@ -249,4 +264,4 @@ class FleetMember:
         if same and now_ns - told_ns < TOLD_NS:
             return
         self._told = word, now_ns
-        self._transport.send(None, TOLD, note_bytes(word))
+        self._post.transport.send(None, TOLD, note_bytes(word))

@@ -20,7 +20,8 @@ from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.peers.peer import Fleet
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
-from waychair.runtime.fleet.fleet_member import FleetMember, FleetTransport
+from waychair.runtime.fleet.fleet_member import FleetMember
+from waychair.runtime.fleet.peer_post import FleetTransport
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pages.chair_port import OthersView
@@ -113,6 +114,16 @@ class FleetPort:
         self._drive = _Drive(min(near)[1])
         self._member.want(self._drive.refuge, now_ns)
 
+    def answer(self, now_ns: int) -> None:
+        """See `FleetMember.answer`."""
+        if self._member is not None:
+            self._member.answer(now_ns)
+
+    @property
+    def has_news(self) -> bool:
+        """See `FleetMember.has_news`."""
+        return self._member is not None and self._member.has_news
+
     def park(self) -> None:
         """See `FleetMember.park`."""
         if self._member is not None:
@@ -139,7 +150,7 @@ class FleetPort:
             )
             self._member = member
         if by_rider and spots and spots != member.entered:
-            member.driver.stand_in(spots)
+            member.stand_in(spots)
         self._note_end(member, pilot, now_ns)
         step = member.step(now_ns, pose, self._left(pilot), by_rider, self._sight, navigation)
         self.others = replace(member.others(now_ns), tones=self.others.tones + step.tone)

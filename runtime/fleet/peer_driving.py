@@ -1,6 +1,7 @@
 """A whole chair among peers: it drives along its chain as its peer's authority lets it, and tells the peer where it is.
 
-The chair enters the next spots only once its peer may let it in; it asks for them a little before it has to brake.
+The chair enters the next spots only once its peer may let it in; it asks for them a little before it has to brake. Between two
+steps of the chair its peer may answer others.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ class PeerDriver:
         self._spots: dict[int, int] = dict(enumerate(spots))  # by the number of the visit
         self._visit = self._behind = len(spots) - 1
         self._shut: dict[str, int] = {}
+        self._own: Own | None = None
 
     def stand_in(self, spots: Sequence[int]) -> None:
         """Go on from other spots, from the rear to the front of a chair that was pushed or driven by its rider."""
@@ -61,7 +63,7 @@ class PeerDriver:
         self._spots = dict(enumerate(spots, start=first))
         self._visit, self._behind = first + len(spots) - 1, len(spots) - 1
         self.driver.stand_in(spots, self._visit)
-        self.authority = SpotAuthority()
+        self.authority, self._own = SpotAuthority(), None
 
     @property
     def entered(self) -> tuple[int, ...]:
@@ -115,16 +117,29 @@ class PeerDriver:
             blocked=self._shut,
         )
         self._shut = {}
+        self._own = replace(own, blocked={})
         step = self.peer.step(now_ns, own, heard)
         self.authority = step.authority
         self.waits = wants > len(step.authority.spots)
         return PeerSteps(driven, step, tone)
 
+    @property
+    def can_answer(self) -> bool:
+        """Whether the chair is where it was at its last step, so that its peer can answer without another one."""
+        return self._own is not None
+
+    def answer(self, now_ns: int, heard: Sequence[tuple[int, bytes]]) -> PeerStep:
+        """Step the peer alone, by what the chair was at its last step; only where it `can_answer`."""
+        assert self._own is not None
+        step = self.peer.step(now_ns, self._own, heard)
+        self.authority = step.authority
+        return step
+
     def note_shut(self, sections: Mapping[str, int]) -> None:
         """Tell the others that the chair stands before sections that are shut, for some ms each, and give back its way there."""
         self._shut = dict(sections)
         self._withdraw()
-        self.authority = SpotAuthority(sentence=self.authority.sentence)
+        self.authority, self._own = SpotAuthority(sentence=self.authority.sentence), None
 
     def _withdraw(self) -> bool:
         """Give back a section that the chair is not wholly in; return whether there was one."""

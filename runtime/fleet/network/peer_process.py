@@ -45,6 +45,12 @@ def fleet_of(file: FleetFile) -> Fleet:
     return Fleet(building_of(graph), ways, frozenset(file.chairs), frozenset(file.voters))
 
 
+def load_planner(fleet: Fleet) -> None:
+    """Load the warden's planner now: later the first Request, or the take-over from a warden that is gone, would wait for it."""
+    import_module("waychair.planning.fleet.peers.networked_warden")
+    import_module("waychair.planning.fleet.warden").warm_up(fleet.ways)
+
+
 def new_boot() -> int:
     """Return a random number for a start of the program."""
     return int.from_bytes(os.urandom(7), "big") + 1
@@ -80,7 +86,7 @@ def serve(
     """
     fleet = fleet_of(file)
     if file.number in ranked(fleet.district, fleet.numbers)[:LOADED_AT_ONCE]:
-        import_module("waychair.planning.fleet.peers.networked_warden")
+        load_planner(fleet)
     peer = Peer(fleet, file.number, new_boot(), electorate=kept_electorate(file.electorate, fleet.numbers))
     log = None if file.log is None else AuditFile(file.log)
     transport = ZenohTransport(file, fleet.building, lan, mode)

@@ -130,9 +130,8 @@ class ZenohTransport:
         building: str,
         lan: bool = False,
         mode: str = "peer",
-        wake: threading.Event | None = None,
     ) -> None:
-        """Join the network of a fleet. A Request or an Answer that comes sets `wake`.
+        """Join the network of a fleet.
 
         Raises:
             FleetError: the endpoint is taken, or an endpoint or key is wrong.
@@ -143,7 +142,7 @@ class ZenohTransport:
         self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._waiting: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
         self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
-        self._urgent = wake or threading.Event()
+        self._urgent = threading.Event()
         self.too_large = 0
         self.is_urgent = False
         self._session = open_session(fleet, lan, mode)

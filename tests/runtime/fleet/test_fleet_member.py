@@ -44,8 +44,8 @@ class Ward:
     `log` is the first chair's; `navigation` what its navigator says.
     """
 
-    def __init__(self, log: AuditFile | None = None) -> None:
-        fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1, 2)), frozenset((DESK,)))
+    def __init__(self, log: AuditFile | None = None, voters: tuple[int, ...] = (DESK,)) -> None:
+        fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1, 2)), frozenset(voters))
         self.air = CarriedMessages([1, 2, DESK])
         self.starts = {1: ROOMS[0], 2: ROOMS[-1]}
         self.members = {
@@ -112,10 +112,41 @@ def test_the_way_is_granted_soon_after_the_wish_and_the_time_is_measured() -> No
         ward.members[number].want(GOALS[number], ward.now_ns)
     ward.run(1)
     assert all(member.driver.authority.chain for member in ward.members.values())
-    answers = ward.members[1].measures.answers_ms + ward.members[2].measures.answers_ms
-    assert answers
-    assert max(answers) <= 300.0
-    assert max(ward.members[1].measures.ages_ms[-20:]) <= 350.0
+    first, second = (ward.members[number].measured() for number in (1, 2))
+    assert max([*first.answers_ms, *second.answers_ms]) <= 300.0
+    assert max(first.ages_ms[-20:]) <= 350.0
+    assert ward.members[1].measured().ages_ms == []
+
+
+def test_a_request_is_answered_between_two_steps_and_the_asker_knows() -> None:
+    ward = Ward(voters=())
+    ward.run(6)
+    term = ward.members[1].driver.peer.allegiance.term
+    assert term is not None
+    warden, asker = ward.members[term.warden], ward.members[3 - term.warden]
+    number = 3 - term.warden
+    asker.want(GOALS[number], ward.now_ns)
+    asker.step(ward.now_ns, PLACES[ward.starts[number]].pose, 0)
+    assert not asker.has_news
+    warden.answer(ward.now_ns + 2_000_000)
+    asker.answer(ward.now_ns + 4_000_000)
+    assert asker.has_news
+    assert asker.driver.authority.chain
+    assert asker.measured().answers_ms == [4.0]
+    ward.run(0.1)
+    assert not asker.has_news
+
+
+def test_a_chair_that_was_pushed_answers_only_once_it_has_said_where_it_is() -> None:
+    ward = Ward(voters=())
+    ward.run(6)
+    member = ward.members[1]
+    assert member.driver.can_answer
+    member.stand_in(ward.members[1].entered)
+    assert not member.driver.can_answer
+    member.answer(ward.now_ns)
+    ward.run(0.1)
+    assert member.driver.can_answer
 
 
 def test_a_chair_takes_a_priority_from_the_desk_and_has_its_own_again_when_the_desk_is_gone() -> None:

@@ -28,8 +28,9 @@ from waychair.runtime.chair import Chair
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
-from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of, new_boot
+from waychair.runtime.fleet.network.peer_process import clock_ns, fleet_of, load_planner, new_boot
 from waychair.runtime.fleet.network.zenoh_transport import LocalBus, ZenohTransport
+from waychair.runtime.fleet.prompt_answers import PromptAnswers
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of
@@ -154,6 +155,7 @@ class LiveFleetChair:
         index = number - 1
         file = fleet_file(folder, number)
         fleet, log = fleet_of(file), None if file.log is None else AuditFile(file.log)
+        load_planner(fleet)
         self._goals = scene.goals[index]
         self.progress = _progress(folder / f"chair{number}.json", len(self._goals))
         start = self.progress.pose or scene.places[scene.starts[index]].pose
@@ -270,7 +272,7 @@ class LiveFleetChair:
 
     def word(self) -> ChairWord:
         """Return what this process says of itself."""
-        rider, last, measures = self.rider, self._last, self.member.measures
+        rider, last, measures = self.rider, self._last, self.member.measured()
         peer = self.member.driver.peer
         wait = None if last is None else last.wait
         waits = None
@@ -298,12 +300,10 @@ class LiveFleetChair:
             waits,
             0 if peer.allegiance.term is None else peer.allegiance.term.warden,
             (self.member.driver.authority.alone, self.member.driver.alone.retreats),
-            list(measures.answers_ms),
-            list(measures.ages_ms),
+            measures.answers_ms,
+            measures.ages_ms,
             list(self._notices),
         )
-        measures.answers_ms.clear()
-        measures.ages_ms.clear()
         self._notices.clear()
         return found
 
@@ -321,11 +321,12 @@ def serve(folder: Path, number: int) -> None:
     with ExitStack() as stack:
         bus = LocalBus(plan.bus, f"chair{number}", hears=(f"world/{number}",), wake=wake)
         stack.callback(bus.close)
-        transport = ZenohTransport(file, file.traffic_graph().fingerprint, mode=plan.mode, wake=wake)
+        transport = ZenohTransport(file, file.traffic_graph().fingerprint, mode=plan.mode)
         stack.callback(transport.close)
         live = LiveFleetChair(folder, plan, number, transport, bus.put)
         bus.received()  # steps from before it could answer
         bus.put(f"cable/{number}", encoded(HERE))
+        stack.enter_context(PromptAnswers(transport, lambda: live.member.answer(clock_ns())))
         stack.enter_context(present_left_out())
         heard_s = time.monotonic()
         order_s = word_s = 0.0
@@ -342,7 +343,7 @@ def serve(folder: Path, number: int) -> None:
             if now_s - heard_s > silent_s:
                 live.tick_alone()
                 heard_s = max(heard_s + TICK_NS * 1e-9, now_s - silent_s)
-            if live.rider.state is not None and (now_s - order_s >= ORDER_S or transport.is_urgent):
+            if live.rider.state is not None and (now_s - order_s >= ORDER_S or live.member.has_news):
                 order_s = now_s
                 live.order()
             if now_s - word_s >= WORD_S:

@@ -1,0 +1,73 @@
+"""What goes out of a peer's step: its messages, its log, the memory of who is counted, and how long its own Requests wait."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from waychair.planning.fleet.peers.peer import Peer, PeerStep
+from waychair.runtime.fleet.audit_file import AuditFile
+from waychair.runtime.fleet.electorate_file import keep_electorate
+from waychair.runtime.fleet.network.transport import PeerTransport
+
+
+class FleetTransport(PeerTransport, Protocol):
+    """A transport that also carries messages beside the peers' own."""
+
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """Return these messages since the last call, with the number of each sender as the network knows it."""
+
+
+@dataclass(slots=True)
+class Measures:
+    """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
+
+    The ages hold on one computer, whose programs have one clock.
+    """
+
+    answers_ms: list[float] = field(default_factory=list)
+    ages_ms: list[float] = field(default_factory=list)
+
+
+class PeerPost:
+    """The outside of one chair's peer: its network, its log and its memory, see `FleetMember`."""
+
+    def __init__(self, transport: FleetTransport, log: AuditFile | None, memory: Path | None) -> None:
+        self.transport = transport
+        self.measures = Measures()
+        self.now_ns = 0
+        """The time of the last step."""
+        self._log, self._memory = log, memory
+        self._asked_ns: int | None = None  # since when a Request has been without an answer
+
+    def begin(self, now_ns: int) -> int:
+        """Return the time of a step that begins now: never before the last one, which another thread may have made."""
+        self.now_ns = max(self.now_ns, now_ns)
+        return self.now_ns
+
+    def forget_request(self) -> None:
+        """Measure no answer to a wish that is no more."""
+        self._asked_ns = None
+
+    def pass_on(self, step: PeerStep) -> tuple[str, ...]:
+        """Send a step's messages, once what must be remembered is on the disk; return sentences for people."""
+        said = [keep_electorate(self._memory, step.electorate)]
+        for to, kind, data in step.send:
+            self.transport.send(to, kind, data)
+            if kind == "request" and self._asked_ns is None:
+                self._asked_ns = self.now_ns
+        said += [] if self._log is None else [self._log.add(step.records, self.now_ns)]
+        return (*step.notices, *filter(None, said))
+
+    def measure(self, peer: Peer, wish: int) -> None:
+        """Note how old the others' States are now, and how long the own wish of this number took to be answered."""
+        self.measures.ages_ms += [(self.now_ns - each.sent_ns) / 1e6 for each in peer.known.values()]
+        if self._asked_ns is not None and wish and peer.answered == wish:
+            self.measures.answers_ms.append((self.now_ns - self._asked_ns) / 1e6)
+            self._asked_ns = None
+
+    def taken_measures(self) -> Measures:
+        """Return what was measured since the last call."""
+        found, self.measures = self.measures, Measures()
+        return found
