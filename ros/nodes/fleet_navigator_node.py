@@ -100,7 +100,8 @@ class FleetNavigatorNode(NavigatorNode):
         state, twist = self._latest.state, self._track.twist
         moves = max(abs(twist.v), abs(twist.omega)) > _MOVES
         by_rider = state is not None and state.mode in _BY_RIDER and moves
-        for said in self._port.step(clock_ns(), self.map_from_base(self.now_ns()), pilot, by_rider, self._navigation):
+        pose = self.map_from_base(self.now_ns())
+        for said in self._port.step(clock_ns(), pose, pilot, by_rider, self._navigation, stands=not moves):
             self.get_logger().warning(said)
 
     def _say_parked(self) -> None:

@@ -130,17 +130,25 @@ class FleetPort:
             self._member.park()
 
     def step(
-        self, now_ns: int, pose: Pose2 | None, pilot: Pilot, by_rider: bool, navigation: Navigation | None = None
+        self,
+        now_ns: int,
+        pose: Pose2 | None,
+        pilot: Pilot,
+        by_rider: bool,
+        navigation: Navigation | None = None,
+        *,
+        stands: bool = False,
     ) -> tuple[str, ...]:
         """Run a step of the peer, ten times a second, and give the pilot its authority and goals; return sentences for people.
 
-        `pose`: `map_from_base`, None while unknown. `by_rider`: the rider steers. `navigation` is the pilot's last one.
+        `pose`: `map_from_base`, None while unknown. `by_rider`: the rider steers. `navigation` is the pilot's last one. `stands`:
+        the chair does not move.
         """
         member = self._member
         if pose is None:
             pilot.navigator.granted.authority = Authority(None, WAITS, self._drive is not None)
             return ()
-        spots = self._spots.at(pose)
+        spots = self._spots.at(pose, () if member is None else member.entered)
         if member is None:
             if not spots:
                 return ()
@@ -152,7 +160,11 @@ class FleetPort:
         if by_rider and spots and spots != member.entered:
             member.stand_in(spots)
         self._note_end(member, pilot, now_ns)
-        step = member.step(now_ns, pose, self._left(pilot), by_rider, self._sight, navigation)
+        kept = _kept(member.entered, spots) if stands and self._drive is None else member.entered
+        gives_back = kept != member.entered
+        if gives_back:
+            member.stand_in(kept)
+        step = member.step(now_ns, pose, self._left(pilot), by_rider or gives_back, self._sight, navigation)
         self.others = replace(member.others(now_ns), tones=self.others.tones + step.tone)
         drive = self._drive
         if drive is None:
@@ -206,3 +218,14 @@ class FleetPort:
         self._drive = None
         member.want(None, now_ns)
         self._bar(())
+
+
+def _kept(entered: tuple[int, ...], spots: tuple[int, ...]) -> tuple[int, ...]:
+    """Return what a chair that goes nowhere keeps of the spots that it has entered: those in which it is, and all between them.
+
+    It may be in others than it has entered, by the error of its pose; then it keeps all.
+    """
+    if not spots or not set(spots) <= set(entered):
+        return entered
+    places = [entered.index(spot) for spot in spots]
+    return entered[min(places) : max(places) + 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,11 +29,15 @@ class SpotsOfPose:
         self._spots: tuple[SpotPlace, ...] = spot_places(ways)
         self._rooms = node_rooms(ways.graph)
 
-    def at(self, pose: Pose2) -> tuple[int, ...]:
-        """Return the spots in which a chair at `map_from_base` is, from its rear to its front; none off all ways."""
+    def at(self, pose: Pose2, entered: Sequence[int] = ()) -> tuple[int, ...]:
+        """Return the spots in which a chair at `map_from_base` is, from its rear to its front; none off all ways.
+
+        Of a refuge's slots it is in the one that it has `entered`, by default in the first.
+        """
         near = [(math.dist((pose.x, pose.y), (each.x, each.y)), name) for name, each in self._refuges.items()]
         if near and min(near)[0] <= IN_PLACE:
-            return (self._ways.slots[min(near)[1]][0],)
+            slots = self._ways.slots[min(near)[1]]
+            return (next((slot for slot in slots if slot in entered), slots[0]),)
         sections = [
             (off, spot)
             for spot, place in enumerate(self._spots)

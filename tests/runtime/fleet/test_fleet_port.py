@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -11,8 +12,9 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.authority import FREE
 from waychair.errors import FleetError
 from waychair.maps.drawn.zones import Zone
-from waychair.planning.fleet.peers.messages import MANUAL, Reader, State, building_of
+from waychair.planning.fleet.peers.messages import IN_ORDER, MANUAL, Reader, State, building_of
 from waychair.planning.fleet.peers.peer import Fleet
+from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.fleet_port import FleetPort
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pilot import Pilot
@@ -41,11 +43,11 @@ class Alone:
         self.pilot.redraw(self.pilot.drawn(GRID, bars), PLACES)
         then()
 
-    def run(self, seconds: float, pose: Pose2 | None = HOME, by_rider: bool = False) -> None:
+    def run(self, seconds: float, pose: Pose2 | None = HOME, by_rider: bool = False, stands: bool = False) -> None:
         """Let time pass."""
         for _ in range(round(seconds * 10)):
             self.now_ns += STEP_NS
-            self.port.step(self.now_ns, pose, self.pilot, by_rider)
+            self.port.step(self.now_ns, pose, self.pilot, by_rider, stands=stands)
 
     def ask(self) -> None:
         """Ask for the goal, as the navigator's node does."""
@@ -93,6 +95,31 @@ def test_a_chair_that_its_rider_steers_says_so_and_where_it_is() -> None:
     state = chair.state()
     assert state.mode == MANUAL
     assert section.name in [WAYS.names[spot] for spot in state.entered]
+
+
+def test_a_chair_whose_drive_ends_on_its_way_gives_back_the_spots_in_which_it_is_not() -> None:
+    chair = Alone()
+    chair.run(0.4)
+    chair.ask()
+    chair.run(1.0)
+    assert len(chair.state().entered) > 1  # up to the next place where it may wait
+    chair.pilot.drop("the rider ended it")
+    chair.run(1.0)
+    assert len(chair.state().entered) > 1  # it may still roll
+    chair.run(1.0, stands=True)
+    state = chair.state()
+    assert state.entered == (WAYS.slots[ROOMS[0]][0],)
+    assert state.mode == IN_ORDER
+    chair.ask()
+    chair.run(1.0, stands=True)
+    assert len(chair.state().entered) > 1
+
+
+def test_a_chair_in_a_refuge_is_in_the_slot_that_it_has_entered() -> None:
+    refuges = tuple(replace(each, slots=2) for each in GRAPH.refuges)
+    ways = ways_of(replace(GRAPH, refuges=refuges), 0.5)
+    two, spots = ways.slots[ROOMS[0]], SpotsOfPose(ways, CHAIR_A, PLACES)
+    assert [spots.at(HOME, entered) for entered in ((), two[:1], two[1:])] == [two[:1], two[:1], two[1:]]
 
 
 def test_a_chair_that_leaves_its_room_by_its_own_eyes_sounds_its_tone() -> None:
