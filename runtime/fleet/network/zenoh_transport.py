@@ -51,7 +51,8 @@ def zenoh_settings(
 ) -> dict[str, Any]:
     """Return Zenoh's configuration by its own paths: no multicast, gossip, short leases, and with keys mutual TLS.
 
-    With keys, only certificates of these `names` are heard, each below its own name.
+    With keys, only certificates of these `names` are heard, each below its own name. A peer looks for the others for ever, beside
+    its work; a client has to find its router at once.
     """
     found: dict[str, Any] = {
         "mode": mode,
@@ -59,7 +60,7 @@ def zenoh_settings(
         "listen/exit_on_failure": True,
         "connect/endpoints": list(connect),
         "connect/exit_on_failure": False,
-        "connect/timeout_ms": 0 if mode != "client" else 3_000,
+        "connect/timeout_ms": -1 if mode != "client" else 3_000,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,

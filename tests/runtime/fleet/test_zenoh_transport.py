@@ -71,6 +71,14 @@ def test_three_peers_meet_on_one_computer_though_two_know_only_the_first(stack: 
     assert _until(lambda: first.alive() == frozenset(CHAIRS))
 
 
+def test_a_peer_that_was_there_first_goes_on_looking_for_the_others_that_it_knows(stack: ExitStack) -> None:
+    ports = _ports(3)
+    ends = [f"tcp/127.0.0.1:{port}" for port in ports]
+    first = stack.enter_context(closing(ZenohTransport(FleetFile("T", 1, CHAIRS, (), (ends[1],), ends[0]), "b")))
+    second = stack.enter_context(closing(ZenohTransport(FleetFile("T", 2, CHAIRS, (), (ends[2],), ends[1]), "b")))
+    assert _until(lambda: _heard(second, first, b"found"))
+
+
 def test_a_port_that_is_taken_is_named(stack: ExitStack) -> None:
     ports = _ports(3)
     stack.enter_context(closing(ZenohTransport(_fleet(1, ports), "b")))

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from waychair.errors import FleetError
 from waychair.files import write_json, write_text
 from waychair.maps.traffic.traffic_files import write_traffic
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet
-from waychair.trials.fleet.fleet_demo import demo_scene
-from waychair.trials.fleet.fleet_drive import FleetScene
+
+if TYPE_CHECKING:
+    from waychair.trials.fleet.fleet_drive import FleetScene
 
 PLAN = "live.json"
 
@@ -59,6 +61,9 @@ class LivePlan:
 
     def scene(self) -> FleetScene:
         """Return the scene, the same in every process."""
+        # late: it takes 100 MB, for which a peer without a chair has no use
+        from waychair.trials.fleet.fleet_demo import demo_scene
+
         return demo_scene(self.world, self.chairs, self.seed)
 
 
