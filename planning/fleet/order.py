@@ -221,6 +221,19 @@ def stopped(order: Order, chair: int) -> Order:
     )
 
 
+def _left_behind(order: Order, chair: int, now_ms: int, clearing_ms: int) -> dict[Turn, int]:
+    """Return when a chair will have left the spots in which its rear is, of which it may have entered several at once: it drives
+    through them until it is ready to go on.
+    """
+    chain = order.chains[chair]
+    entered_ms = chain.ready_ms - int(order.ways.passing_ms[chain.spots[0]])
+    found: dict[Turn, int] = {}
+    for visit, spot in reversed(chain.behind):
+        found[Turn(chair, visit)] = max(now_ms, max(entered_ms, chain.entered_ms) + clearing_ms)
+        entered_ms -= int(order.ways.passing_ms[spot])
+    return found
+
+
 def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | None:
     """Return all turns with the times [ms] that follow if nobody is held up from now on; None if they have a cycle.
 
@@ -255,11 +268,7 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
             missing[turn] = len(needs)
             for need in needs:
                 followers.setdefault(need, []).append(turn)
-    left = {
-        Turn(chair, visit): max(now_ms, chain.entered_ms + clearing_ms)
-        for chair, chain in order.chains.items()
-        for visit, _ in chain.behind
-    }
+    left = {turn: time for chair in order.chains for turn, time in _left_behind(order, chair, now_ms, clearing_ms).items()}
     done = 0
     while ready:
         turn = ready.pop()

@@ -22,7 +22,7 @@ from tests.planning.fleet.small_traffic import (
 from waychair.errors import TaskError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.granting import granted
-from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked, stopped
+from waychair.planning.fleet.order import Order, Request, Turn, asked, cleared, entered, foreseen, held_up, parked, stopped
 from waychair.planning.fleet.rules import Priority, aged, inherited, weight
 from waychair.planning.fleet.ways import ways_of
 
@@ -138,6 +138,19 @@ def test_a_goal_that_an_idle_chair_holds_waits_until_that_chair_leaves_and_then_
     order = granted(order, 5000, CLEARING_MS, np.random.default_rng(0), 3)
     assert [request.chair for request in order.waiting] == [2]
     assert order.ways.names[order.chains[1].spots[-1]] == "Q"
+
+
+def test_spots_that_a_chair_entered_at_once_are_left_as_it_drives_through_them() -> None:
+    order = ordered(LINE, {1: "P"}, {1: "S"})
+    for _ in range(3):
+        order = entered(order, 1, 1000)
+    chain, passing = order.chains[1], order.ways.passing_ms
+    after = [int(passing[spot]) for _, spot in chain.behind[1:]] + [int(passing[chain.spots[0]])]
+    times = foreseen(held_up(order, 1, 1000 + sum(after)), 1000, CLEARING_MS)
+    assert times is not None
+    left = [times[Turn(1, visit)].until_ms for visit, _ in chain.behind]
+    assert left == [1000 + sum(after[:k]) + CLEARING_MS for k in range(3)]
+    assert left[0] < left[1] < left[2]
 
 
 def test_a_late_chair_keeps_the_others_in_their_order_and_its_time_is_foreseen() -> None:
