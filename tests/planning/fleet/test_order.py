@@ -22,7 +22,18 @@ from tests.planning.fleet.small_traffic import (
 from waychair.errors import TaskError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.granting import granted
-from waychair.planning.fleet.order import Order, Request, Turn, asked, cleared, entered, foreseen, held_up, parked, stopped
+from waychair.planning.fleet.order import (
+    Order,
+    Request,
+    Turn,
+    asked,
+    cleared,
+    entered,
+    foreseen,
+    held_up,
+    parked,
+    stopped,
+)
 from waychair.planning.fleet.rules import Priority, aged, inherited, weight
 from waychair.planning.fleet.ways import ways_of
 
