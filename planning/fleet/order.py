@@ -268,7 +268,9 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
             missing[turn] = len(needs)
             for need in needs:
                 followers.setdefault(need, []).append(turn)
-    left = {turn: time for chair in order.chains for turn, time in _left_behind(order, chair, now_ms, clearing_ms).items()}
+    left = {
+        turn: time for chair in order.chains for turn, time in _left_behind(order, chair, now_ms, clearing_ms).items()
+    }
     done = 0
     while ready:
         turn = ready.pop()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -19,15 +20,19 @@ class FleetTransport(PeerTransport, Protocol):
         """Return these messages since the last call, with the number of each sender as the network knows it."""
 
 
-@dataclass(slots=True)
+MOST_MEASURES = 10_000
+"""Measures that are kept, the latest ones: on a real chair nobody may take them."""
+
+
+@dataclass(frozen=True, slots=True)
 class Measures:
     """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
 
     The ages hold on one computer, whose programs have one clock.
     """
 
-    answers_ms: list[float] = field(default_factory=list)
-    ages_ms: list[float] = field(default_factory=list)
+    answers_ms: list[float]
+    ages_ms: list[float]
 
 
 class PeerPost:
@@ -35,11 +40,12 @@ class PeerPost:
 
     def __init__(self, transport: FleetTransport, log: AuditFile | None, memory: Path | None) -> None:
         self.transport = transport
-        self.measures = Measures()
         self.now_ns = 0
         """The time of the last step."""
         self._log, self._memory = log, memory
         self._asked_ns: int | None = None  # since when a Request has been without an answer
+        self._answers_ms: deque[float] = deque(maxlen=MOST_MEASURES)
+        self._ages_ms: deque[float] = deque(maxlen=MOST_MEASURES)
 
     def begin(self, now_ns: int) -> int:
         """Return the time of a step that begins now: never before the last one, which another thread may have made."""
@@ -62,12 +68,14 @@ class PeerPost:
 
     def measure(self, peer: Peer, wish: int) -> None:
         """Note how old the others' States are now, and how long the own wish of this number took to be answered."""
-        self.measures.ages_ms += [(self.now_ns - each.sent_ns) / 1e6 for each in peer.known.values()]
+        self._ages_ms += [(self.now_ns - each.sent_ns) / 1e6 for each in peer.known.values()]
         if self._asked_ns is not None and wish and peer.answered == wish:
-            self.measures.answers_ms.append((self.now_ns - self._asked_ns) / 1e6)
+            self._answers_ms.append((self.now_ns - self._asked_ns) / 1e6)
             self._asked_ns = None
 
     def taken_measures(self) -> Measures:
         """Return what was measured since the last call."""
-        found, self.measures = self.measures, Measures()
+        found = Measures(list(self._answers_ms), list(self._ages_ms))
+        self._answers_ms.clear()
+        self._ages_ms.clear()
         return found

@@ -73,7 +73,9 @@ def waits(page: Page) -> str:
 
 def test_a_goal_at_which_another_chair_stands_is_reached_once_it_has_gone(ros: Harness, tmp_path: Path) -> None:
     graph = tmp_path / "clinic.traffic"
-    write_traffic(graph, mapped_floor_graph(WORLD.grid, list(PLACES.values()), name="clinic", chair_width=CHAIR_A.width))
+    write_traffic(
+        graph, mapped_floor_graph(WORLD.grid, list(PLACES.values()), name="clinic", chair_width=CHAIR_A.width)
+    )
     ports = {number: free_port() for number in (1, 2)}
     ends = {number: f"tcp/127.0.0.1:{port}" for number, port in ports.items()}
     fleet = tmp_path / "fleet1.yaml"
