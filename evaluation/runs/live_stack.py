@@ -162,6 +162,13 @@ class LiveStack:
         """The true pose of the simulated chair."""
         return self.truth.last  # type: ignore[no-any-return]
 
+    def true_pose(self) -> Pose2:
+        """Return the true pose of now: after a command that was waited for, the last one received may be seconds old."""
+        since_ns = time.time_ns()
+        self.until(lambda: self.really is not None and self.really.stamp_ns > since_ns, "the true pose")
+        assert self.really is not None
+        return self.really.odom_from_base
+
     @property
     def driving(self) -> bool:
         """Whether the computer drives, by the bridge's last report."""

@@ -24,6 +24,10 @@ MOST_MEASURES = 10_000
 """Measures that are kept, the latest ones: on a real chair nobody may take them."""
 
 
+WAITED_NS = 200_000_000
+"""ns that a step may have to wait for another thread's, which may make a plan meanwhile."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measures:
     """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
@@ -48,8 +52,12 @@ class PeerPost:
         self._ages_ms: deque[float] = deque(maxlen=MOST_MEASURES)
 
     def begin(self, now_ns: int) -> int:
-        """Return the time of a step that begins now: never before the last one, which another thread may have made."""
-        self.now_ns = max(self.now_ns, now_ns)
+        """Return the time of a step that begins now: not before the last one, if that was another thread's for which it waited.
+
+        A clock that ran back farther is passed on, as the peer then forgets its leases.
+        """
+        waited = 0 <= self.now_ns - now_ns <= WAITED_NS
+        self.now_ns = self.now_ns if waited else now_ns
         return self.now_ns
 
     def forget_request(self) -> None:

@@ -15,9 +15,10 @@ from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, PeerStep
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_geometry import drivable
-from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
+from waychair.runtime.fleet.electorate_file import kept_electorate
 from waychair.runtime.fleet.fleet_file import FleetFile
 from waychair.runtime.fleet.network.zenoh_transport import ZenohTransport
+from waychair.runtime.fleet.peer_post import PeerPost
 
 SPEED = 0.45
 """m/s; mean speed of a chair from room to room, by which the warden foresees times."""
@@ -90,18 +91,15 @@ def serve(
     peer = Peer(fleet, file.number, new_boot(), electorate=kept_electorate(file.electorate, fleet.numbers))
     log = None if file.log is None else AuditFile(file.log)
     transport = ZenohTransport(file, fleet.building, lan, mode)
+    post = PeerPost(transport, log, file.electorate)
     ends_ns: int | None = None
     try:
         while ends_ns is None or clock_ns() < ends_ns:
             if ends_ns is None and stopped():
                 ends_ns = clock_ns() + PARKED_NS
-            now_ns, heard = clock_ns(), transport.received()
+            now_ns, heard = post.begin(clock_ns()), transport.received()
             step = peer.step(now_ns, replace(own(), parked=ends_ns is not None), heard)
-            said = [keep_electorate(file.electorate, step.electorate)]
-            for to, kind, data in step.send:
-                transport.send(to, kind, data)
-            said += [] if log is None else [log.add(step.records, now_ns)]
-            told(replace(step, notices=(*step.notices, *filter(None, said))))
+            told(replace(step, notices=post.pass_on(step)))
             beside(now_ns, [*heard, *((file.number, data) for to, _, data in step.send if to is None)], transport)
             transport.wait(STEP_S)
     finally:

@@ -137,6 +137,19 @@ def test_a_request_is_answered_between_two_steps_and_the_asker_knows() -> None:
     assert not asker.has_news
 
 
+def test_f34_a_clock_that_ran_back_ends_all_leases_but_a_step_that_waited_for_an_answer_ends_none() -> None:
+    ward = Ward(voters=())
+    ward.run(6)
+    ward.members[1].want(GOALS[1], ward.now_ns)
+    ward.run(1)
+    member, pose = ward.members[1], PLACES[ward.starts[1]].pose
+    member.answer(ward.now_ns + 50_000_000)
+    member.step(ward.now_ns + 20_000_000, pose, 0)
+    assert member.driver.authority.chain
+    member.step(ward.now_ns - 10**9, pose, 0)
+    assert not member.driver.authority.chain
+
+
 def test_a_chair_that_was_pushed_answers_only_once_it_has_said_where_it_is() -> None:
     ward = Ward(voters=())
     ward.run(6)

@@ -63,10 +63,10 @@ export function speakOnly(phrase, ended, mustBeHeard = false) {
 
 let current = null;
 
-/** A short note, also where tone and voice before a motion are off. */
-export function beep(frequency) {
+/** A short note after some seconds, also where tone and voice before a motion are off. */
+export function beep(frequency, after = 0) {
   try {
-    tone(frequency, 0);
+    tone(frequency, after);
   } catch {
     // no sound on this computer
   }
@@ -74,12 +74,8 @@ export function beep(frequency) {
 
 /** Two notes that fall, for people and chairs on the way that this chair enters; also where tone and voice are off. */
 export function warn() {
-  try {
-    tone(880, 0);
-    tone(660, 0.3);
-  } catch {
-    // no sound on this computer
-  }
+  beep(880);
+  beep(660, 0.3);
 }
 
 function speak(phrase) {
