@@ -33,7 +33,7 @@ class MeasuredMotion:
 
     @property
     def wheels(self) -> WheelTicks | None:
-        """The wheels' latest counts; None before the first."""
+        """The wheels' latest counts, continued over restarts of their counters; None before the first."""
         return None if self._wheels is None else self._wheels[1]
 
     @property
@@ -51,7 +51,8 @@ class MeasuredMotion:
         if isinstance(message, WheelTicks):
             self.odometry = self._filter.update_wheels(message)
             self._twists.append(self.odometry.twist)
-            self._wheels = (message if self._wheels is None else self._wheels[0]), message
+            wheels = self._filter.wheels or message
+            self._wheels = (wheels if self._wheels is None else self._wheels[0]), wheels
         else:
             self._filter.update_imu(message)
             self._tilt.update(message, self.twist)

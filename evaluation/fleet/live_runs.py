@@ -50,7 +50,7 @@ class LiveRun:
 
     `factor`: the chairs' seconds for each real one in the slowest fleet. `ended`: why fleets ended before their goals.
     `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until a
-    chair moves again; infinite: not within `BACK_S`.
+    chair moves again, unless the last goal was reached; infinite: not within `BACK_S`.
     """
 
     answers_ms: list[float] = field(default_factory=list)
@@ -157,8 +157,9 @@ def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
         run.ordered_s.append(float("inf"))
         return
     run.ordered_s.append(_or_never(_until(fleet, lambda: _in_order(fleet), BACK_S)))
-    moves = _until(fleet, lambda: record.is_moving, BACK_S)
-    run.moved_s.append(run.ordered_s[-1] + _or_never(moves))
+    moves = _until(fleet, lambda: record.is_moving or fleet.finished, BACK_S)
+    if not fleet.finished:
+        run.moved_s.append(run.ordered_s[-1] + _or_never(moves))
 
 
 def _boot_of(fleet: LiveFleet, name: str) -> int:

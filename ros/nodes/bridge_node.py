@@ -84,7 +84,6 @@ from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.runtime.pages.page_watch import PageWatch
 from waychair.slam.localising.localisation import Localisation, LocalisationState
-from waychair.slam.odometry.wheel_counts import WheelCounts
 from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import ChairStatus, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 
@@ -137,7 +136,6 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         )
         self.publisher(topics.TF_STATIC)(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
         self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
-        self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._calibration.body.ticks_per_turn)
         self.every(_WHEELS_HZ, self._publish_wheels)
         self.listen(
             _best_effort(topics.JOINTS),
@@ -225,14 +223,13 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         return True
 
     def _take_wheels(self, message: WheelTicks) -> None:
-        self._wheels = message = self._counts.update(message)
         odometry = self._base.motion.odometry if self._take_sensor(message) else None
         if odometry is not None:
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
 
     def _publish_wheels(self) -> None:
         """Publish the wheels' rotation, for displays."""
-        frames = wheel_transforms(self._calibration.body, self._wheels)
+        frames = wheel_transforms(self._calibration.body, self._base.motion.wheels or WheelTicks(0, 0, 0))
         self._publish.transform(ros_messages.transforms(self.now_ns(), frames))
 
     def _publish_odometry(self, odometry: Odometry) -> None:

@@ -38,10 +38,8 @@ from waychair.slam.odometry.odometry_model import (
     turn_by_wheels,
 )
 from waychair.slam.odometry.slip import SlipDetector
+from waychair.slam.odometry.wheel_counts import WheelCounts, wheel_paths
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
-
-COUNTS = 2**32
-"""Encoder counters wrap at this count."""
 
 REACH_NS = 100_000_000
 """Longest extrapolation of the pose, and longest gap of a gyro that is used."""
@@ -89,7 +87,7 @@ class OdometryFilter:
 
     The inputs may be wheels only, wheels and gyro, measured motions only, or a mix that changes over time. Readings that
     are not finite, repeat a stamp or come too late are ignored. After a clock was set back, or wheels lost count, the
-    filter starts again at the present pose.
+    filter starts again at the present pose; encoders that start again from zero after a silence are taken to have stood.
     """
 
     def __init__(self, body: ChairBody | None = None, settings: OdometrySettings | None = None) -> None:
@@ -97,7 +95,7 @@ class OdometryFilter:
         from filterpy.kalman import ExtendedKalmanFilter
 
         self.settings = settings or OdometrySettings()
-        self._body = body
+        self._counts = None if body is None else WheelCounts(body)
         self._filter = ExtendedKalmanFilter(SIZE, 1)
         self._filter.x = np.zeros(SIZE)
         self._filter.P = initial_covariance(self.settings)
@@ -126,6 +124,11 @@ class OdometryFilter:
         return float(self._filter.x[BIAS]), math.sqrt(self._filter.P[BIAS, BIAS])
 
     @property
+    def wheels(self) -> WheelTicks | None:
+        """The latest encoder counts, continued over restarts of their counters; None before the first, or without encoders."""
+        return self._wheels if isinstance(self._wheels, WheelTicks) else None
+
+    @property
     def twist_covariance(self) -> FloatArray:
         """Present covariance (3, 3) of forward speed, lateral speed and turn rate [m^2/s^2, m rad/s^2, rad^2/s^2].
 
@@ -141,7 +144,7 @@ class OdometryFilter:
         Raises:
             CalibrationError: the reading holds encoder counts, and the filter has no chair body.
         """
-        if isinstance(reading, WheelTicks) and self._body is None:
+        if isinstance(reading, WheelTicks) and self._counts is None:
             raise CalibrationError("encoder counts need the chair's wheel data: give the chair's body")
         if isinstance(reading, Odometry) and not np.isfinite(reading.odom_from_base.array()).all():
             return self._last_output(reading.stamp_ns)
@@ -153,6 +156,8 @@ class OdometryFilter:
             before = None
         if self._now_ns is None or (before is None and self._mark_ns is None):
             self._begin(reading.stamp_ns)  # before the first wheel reading the chair is taken to stand
+        if isinstance(reading, WheelTicks) and self._counts is not None:
+            reading = self._counts.update(reading)
         self._wheels = reading
         if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._state_ns:
             return self._output(reading.stamp_ns)
@@ -253,10 +258,9 @@ class OdometryFilter:
             return before.odom_from_base.inverse() @ after.odom_from_base
         assert isinstance(before, WheelTicks)
         assert isinstance(after, WheelTicks)
-        assert self._body is not None
-        per_count = math.tau * self._body.wheel_radius / self._body.ticks_per_turn
-        left, right = (_difference(now, then) * per_count for now, then in _pairs(after, before))
-        return arc((left + right) / 2, (right - left) / self._body.track)
+        assert self._counts is not None
+        left, right = wheel_paths(before, after, self._counts.body)
+        return arc((left + right) / 2, (right - left) / self._counts.body.track)
 
     def _motion_after_state(self, motion: Pose2, begin_ns: int, end_ns: int) -> Pose2:
         """Return the part of a motion after the state's time, to which the state may have advanced without the wheels."""
@@ -383,12 +387,3 @@ class OdometryFilter:
     def _last_output(self, stamp_ns: int) -> Odometry:
         """Return the last output again, for an ignored reading."""
         return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._estimate.covariance)
-
-
-def _pairs(now: WheelTicks, before: WheelTicks) -> tuple[tuple[int, int], tuple[int, int]]:
-    return (now.left, before.left), (now.right, before.right)
-
-
-def _difference(now: int, before: int) -> int:
-    """Return the signed step of a wrapping 32-bit counter."""
-    return (now - before + COUNTS // 2) % COUNTS - COUNTS // 2

@@ -8,15 +8,15 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.types import WheelTicks
 
 _SILENT_NS = 300_000_000
-_COUNTS = 2**32  # they wrap here
+COUNTS = 2**32
+"""Encoder counters wrap at this count."""
 
 
 class WheelCounts:
-    """Keeps the offsets to be added to the counts of two encoders."""
+    """Keeps the offsets to be added to the counts of two encoders of a chair."""
 
-    def __init__(self, ticks_per_turn: int) -> None:
-        """ticks_per_turn: encoder counts of one turn of a wheel."""
-        self._turn = ticks_per_turn
+    def __init__(self, body: ChairBody) -> None:
+        self.body = body
         self._before: WheelTicks | None = None
         self._added = (0, 0)
 
@@ -29,9 +29,10 @@ class WheelCounts:
         before, self._before = self._before, reading
         if before is not None and reading.stamp_ns - before.stamp_ns > _SILENT_NS:
             was, now = (before.left, before.right), (reading.left, reading.right)
-            near_zero = max(map(abs, now)) < self._turn // 4
+            turn = self.body.ticks_per_turn
+            near_zero = max(map(abs, now)) < turn // 4
             jump = max(abs(_wrapped(a - b)) for a, b in zip(now, was, strict=True))
-            if near_zero and jump > self._turn // 2:
+            if near_zero and jump > turn // 2:
                 self._added = (
                     _wrapped(self._added[0] + was[0] - now[0]),
                     _wrapped(self._added[1] + was[1] - now[1]),
@@ -41,15 +42,10 @@ class WheelCounts:
 
 
 def _wrapped(count: int) -> int:
-    return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
+    return (count + COUNTS // 2) % COUNTS - COUNTS // 2
 
 
 def wheel_paths(before: WheelTicks, now: WheelTicks, body: ChairBody) -> tuple[float, float]:
     """Return the paths [m] of the left and right wheel between two readings; 32-bit counters may wrap."""
     per_count = math.tau * body.wheel_radius / body.ticks_per_turn
-    half = 1 << 31
-    left, right = (
-        (after - earlier + half) % (2 * half) - half
-        for after, earlier in ((now.left, before.left), (now.right, before.right))
-    )
-    return left * per_count, right * per_count
+    return _wrapped(now.left - before.left) * per_count, _wrapped(now.right - before.right) * per_count

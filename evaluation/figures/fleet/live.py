@@ -41,13 +41,13 @@ def fleet_live(out: Path) -> Json:
     answers, ages = _percentiles(quiet.answers_ms), _percentiles(quiet.ages_ms)
     every = [quiet, *runs.values(), *apart]
     over = max(run.over_line_m for run in every)
-    ordered = [each for run in runs.values() for each in run.ordered_s]
+    back = [each for run in runs.values() for each in (*run.ordered_s, *run.moved_s)]
     in_time = bool(answers and ages) and answers[0] <= ANSWER_P50_MS and answers[1] <= ANSWER_P99_MS
     in_time = in_time and ages[1] <= AGE_P99_MS and quiet.factor >= REAL_TIME
     light = weighed is None or (weighed.cores <= MOST_CORES and weighed.megabytes <= MOST_MB)
     contacts = sum(run.contacts for run in every)
     safe = over <= OVER_LINE_M and contacts == 0
-    goes_on = max(ordered, default=0) <= GOES_ON_S and all(map(_copes, apart)) and not any(run.ended for run in every)
+    goes_on = max(back, default=0) <= GOES_ON_S and all(map(_copes, apart)) and not any(run.ended for run in every)
     goes_on = goes_on and all(len(run.ordered_s) == kills for run in runs.values())
     return {
         "passed": in_time and light and safe and goes_on,

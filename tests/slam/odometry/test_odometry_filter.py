@@ -12,8 +12,9 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import CalibrationError
 from waychair.geometry import arc
-from waychair.slam.odometry.odometry_filter import COUNTS, OdometryFilter
+from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.odometry.odometry_model import OdometrySettings
+from waychair.slam.odometry.wheel_counts import COUNTS
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, WheelTicks
 
 PER_METRE = CHAIR_A.ticks_per_turn / (math.tau * CHAIR_A.wheel_radius)
@@ -162,6 +163,17 @@ def test_a_jump_of_the_counts_does_not_move_the_chair() -> None:
     jumped = odometry.update_wheels(counts(here.stamp_ns + WHEELS_NS, 400.0))
     assert jumped.odom_from_base.x == pytest.approx(1.01, abs=0.02)
     assert odometry.update_wheels(counts(here.stamp_ns + 2 * WHEELS_NS, 400.01)).odom_from_base.x < 1.05
+
+
+def test_encoders_that_start_again_after_a_silence_do_not_move_the_chair() -> None:
+    odometry = OdometryFilter(CHAIR_A)
+    here = straight(odometry, 3.0)
+    again_ns = here.stamp_ns + 5 * SECOND
+    assert odometry.update_wheels(counts(again_ns, 0.0)).odom_from_base.x == pytest.approx(3.0, abs=0.02)
+    moved = odometry.update_wheels(counts(again_ns + WHEELS_NS, 0.01))
+    assert moved.odom_from_base.x == pytest.approx(3.01, abs=0.02)
+    assert odometry.wheels is not None
+    assert odometry.wheels.left == pytest.approx(3.01 * PER_METRE, abs=2)
 
 
 def test_counts_without_a_chair_body_are_refused_with_advice() -> None:
