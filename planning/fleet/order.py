@@ -239,64 +239,42 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
 
     A turn that never ends, in the last spot of a chain, is until `NEVER`.
     """
-    ways = order.ways
-    found: dict[Turn, Stay] = {}
-    before: dict[Turn, Turn] = {}
-    for queue in order.queues.values():
-        for earlier, later in pairwise(queue):
-            before[later] = earlier
-    enters: dict[Turn, int] = {}
-    followers: dict[Turn, list[Turn]] = {}
-    missing: dict[Turn, int] = {}
-    spot_of: dict[Turn, int] = {}
-    ready: list[Turn] = []
-    for chair, chain in order.chains.items():
-        for k, spot in enumerate(chain.spots):
-            turn = Turn(chair, chain.visit + k)
-            spot_of[turn] = spot
-            if k == 0:
-                enters[turn] = chain.entered_ms
-                ready.append(turn)
-                continue
-            needs = {Turn(chair, chain.visit + k - 1)}
-            if turn in before:
-                earlier = before[turn]
-                if earlier.visit >= order.chains[earlier.chair].last:
-                    return None  # its holder never leaves
-                if earlier.visit >= order.chains[earlier.chair].visit:
-                    needs.add(Turn(earlier.chair, earlier.visit + 1))
-            missing[turn] = len(needs)
-            for need in needs:
-                followers.setdefault(need, []).append(turn)
-    left = {
-        turn: time for chair in order.chains for turn, time in _left_behind(order, chair, now_ms, clearing_ms).items()
-    }
-    done = 0
-    while ready:
-        turn = ready.pop()
-        done += 1
-        chain = order.chains[turn.chair]
-        if turn.visit > chain.visit:
-            previous = Turn(turn.chair, turn.visit - 1)
-            if previous.visit == chain.visit:
-                time = max(chain.ready_ms, now_ms)
-            else:
-                time = enters[previous] + int(ways.passing_ms[spot_of[previous]])
-            if turn in before:
-                earlier = before[turn]
+    passing_ms, chains = order.ways.passing_ms, order.chains
+    turns = (pair for queue in order.queues.values() for pair in pairwise(queue))
+    before = {(later.chair, later.visit): earlier for earlier, later in turns}
+    left: dict[tuple[int, int], int] = {}
+    for chair in chains:
+        left |= _left_behind(order, chair, now_ms, clearing_ms)
+    enters = {chair: [chain.entered_ms] for chair, chain in chains.items()}
+    held_up_by: dict[tuple[int, int], list[int]] = {}  # by the chair and its spot that has to be entered before
+    going = list(chains)
+    while going:
+        chair = going.pop()
+        chain, own = chains[chair], enters[chair]
+        for k in range(len(own), len(chain.spots)):
+            time = max(chain.ready_ms, now_ms) if k == 1 else own[-1] + int(passing_ms[chain.spots[k - 1]])
+            earlier = before.get((chair, chain.visit + k))
+            if earlier is not None:
                 free = left.get(earlier)
-                time = max(time, enters[Turn(earlier.chair, earlier.visit + 1)] + clearing_ms if free is None else free)
-            enters[turn] = time
-        for follower in followers.get(turn, ()):
-            missing[follower] -= 1
-            if missing[follower] == 0:
-                ready.append(follower)
-    if done < len(spot_of):
+                if free is None:
+                    other, onward = chains[earlier.chair], earlier.visit + 1 - chains[earlier.chair].visit
+                    if earlier.visit >= other.last:
+                        return None  # its holder never leaves
+                    if onward >= len(enters[earlier.chair]):
+                        held_up_by.setdefault((earlier.chair, onward), []).append(chair)
+                        break
+                    free = enters[earlier.chair][onward] + clearing_ms
+                time = max(time, free)
+            own.append(time)
+            going += held_up_by.pop((chair, k), ())
+    if any(len(enters[chair]) < len(chain.spots) for chair, chain in chains.items()):
         return None
-    for turn, spot in spot_of.items():
-        following = enters.get(Turn(turn.chair, turn.visit + 1))
-        found[turn] = Stay(spot, enters[turn], NEVER if following is None else following + clearing_ms)
-    for chair, chain in order.chains.items():
+    found: dict[Turn, Stay] = {}
+    for chair, chain in chains.items():
+        until = [time + clearing_ms for time in enters[chair][1:]] + [NEVER]
+        for k, spot in enumerate(chain.spots):
+            found[Turn(chair, chain.visit + k)] = Stay(spot, enters[chair][k], until[k])
+    for chair, chain in chains.items():
         for visit, spot in chain.behind:
-            found[Turn(chair, visit)] = Stay(spot, chain.entered_ms, left[Turn(chair, visit)])
+            found[Turn(chair, visit)] = Stay(spot, chain.entered_ms, left[chair, visit])
     return found

@@ -6,12 +6,13 @@ Chairs are numbers; there are no names of people anywhere.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.order import Chain, Order, Request, Turn, foreseen
 from waychair.planning.fleet.rules import Priority, aged
+from waychair.planning.fleet.sipp import Stay
 from waychair.planning.fleet.ways import NEVER
 from waychair.types import Json
 
@@ -65,7 +66,9 @@ class Wait:
 
 def waits(order: Order, now_ms: int, clearing_ms: int) -> tuple[Wait, ...]:
     """Return the waits of all chairs that could go on, or have asked for a goal, but may not go now."""
-    found = [wait for chair in order.chains if (wait := wait_of(order, chair, now_ms, clearing_ms)) is not None]
+    held = [chair for chair in order.chains if _is_held(order, chair, now_ms)]
+    times = foreseen(order, now_ms, clearing_ms) if held else None
+    found = [_wait(order, chair, now_ms, times) for chair in held]
     for request in order.waiting:
         holder = _holder(order, request)
         before = _under_way(order, request) if holder is None else None
@@ -96,13 +99,21 @@ def wait_of(order: Order, chair: int, now_ms: int, clearing_ms: int) -> Wait | N
 
     A chair whose own rear has not left yet waits for nobody.
     """
-    chain, spot = order.chains[chair], order.next_spot(chair)
-    if spot is None or chain.ready_ms > now_ms or order.may_enter(chair):
+    if not _is_held(order, chair, now_ms):
         return None
-    other = order.in_front(chair)
-    if other == chair:
-        return None
-    times = foreseen(order, now_ms, clearing_ms)
+    return _wait(order, chair, now_ms, foreseen(order, now_ms, clearing_ms))
+
+
+def _is_held(order: Order, chair: int, now_ms: int) -> bool:
+    """Return whether a chair could go on along its chain but may not, for another one or as its way is closed."""
+    on_its_way = order.next_spot(chair) is not None and order.chains[chair].ready_ms <= now_ms
+    return on_its_way and not order.may_enter(chair) and order.in_front(chair) != chair
+
+
+def _wait(order: Order, chair: int, now_ms: int, times: Mapping[Turn, Stay] | None) -> Wait:
+    """Return the wait of a chair that is held, with the foreseen times of all turns."""
+    chain, other, spot = order.chains[chair], order.in_front(chair), order.next_spot(chair)
+    assert spot is not None
     theirs = None if other is None else _priority(order.chains[other], now_ms)
     return Wait(
         chair,
