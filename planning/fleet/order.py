@@ -242,7 +242,7 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
     passing_ms, chains = order.ways.passing_ms, order.chains
     turns = (pair for queue in order.queues.values() for pair in pairwise(queue))
     before = {(later.chair, later.visit): earlier for earlier, later in turns}
-    left: dict[tuple[int, int], int] = {}
+    left: dict[Turn, int] = {}
     for chair in chains:
         left |= _left_behind(order, chair, now_ms, clearing_ms)
     enters = {chair: [chain.entered_ms] for chair, chain in chains.items()}
@@ -276,5 +276,5 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
             found[Turn(chair, chain.visit + k)] = Stay(spot, enters[chair][k], until[k])
     for chair, chain in chains.items():
         for visit, spot in chain.behind:
-            found[Turn(chair, visit)] = Stay(spot, chain.entered_ms, left[chair, visit])
+            found[Turn(chair, visit)] = Stay(spot, chain.entered_ms, left[Turn(chair, visit)])
     return found
