@@ -81,6 +81,8 @@ def _others(others: OthersView) -> Json:
         "seconds": None if others.seconds is None else round(others.seconds),
         "chairs": [{"number": number, "told": told} for number, told in others.others],
         "tones": others.tones,
+        "first": others.first,
+        "lit": others.lit,
     }
 
 

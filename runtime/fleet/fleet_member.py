@@ -34,6 +34,11 @@ AGAIN_NS = 5_000_000_000
 
 _RULES = {each.value: each for each in Reason}
 
+_GOES_FIRST = {
+    Priority.TOP: "Goes before all others: staff said so.",
+    Priority.APPOINTMENT: "Goes first: you have an appointment.",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class MemberStep:
@@ -183,7 +188,10 @@ class FleetMember:
             is_heard = now_ns - known[number].heard_ns <= SILENT_NS
             goal = f"On the way to {told.goal}." if told.goal else "Stands by."
             found.append((number, (told.told or goal) if is_heard else "Cannot be heard."))
-        return OthersView("" if wait is None else wait.why, seconds, tuple(found))
+        priority = Priority.ROUTINE if self._wish is None else self._priority(now_ns)
+        first = _GOES_FIRST.get(priority, "") if wait is None or priority is Priority.TOP else ""
+        why = "" if wait is None else wait.why
+        return OthersView(why, seconds, tuple(found), first=first, lit=priority is Priority.TOP)
 
     def _priority(self, now_ns: int) -> Priority:
         """Return the wish's priority: that of staff while they repeat it."""

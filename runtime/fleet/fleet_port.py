@@ -31,6 +31,9 @@ from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
 AT_PLACE = 0.5
 """m; a goal so near to a place of the traffic graph is that place."""
 
+TONE_NS = 5_000_000_000
+"""A chair that goes before all others sounds its tone so often while it drives."""
+
 WAITS = "the chair waits for its turn"
 _NOWHERE = "the chair is on no way of its traffic graph: drive it to one of its places, then ask again"
 
@@ -43,13 +46,20 @@ Redraw = Callable[[tuple[Zone, ...], Callable[[], None]], None]
 class _Drive:
     """The rider's present goal: its refuge, how many goals of the last chain are left, and whether the pilot has them.
 
-    `course`: the goals of the last chain.
+    `course`: the goals of the last chain. `toned_ns`: when the tone of a chair that goes before all others was due last.
     """
 
     refuge: str
     left: int = 0
     has_chain: bool = False
     course: tuple[Goal, ...] = ()
+    toned_ns: int | None = None
+
+    def tone(self, now_ns: int) -> bool:
+        """Return whether the tone of a chair that goes before all others is due again."""
+        due = self.toned_ns is None or now_ns - self.toned_ns >= TONE_NS
+        self.toned_ns = now_ns if due else self.toned_ns
+        return due
 
 
 class FleetPort:
@@ -165,8 +175,9 @@ class FleetPort:
         if gives_back:
             member.stand_in(kept)
         step = member.step(now_ns, pose, self._left(pilot), by_rider or gives_back, self._sight, navigation)
-        self.others = replace(member.others(now_ns), tones=self.others.tones + step.tone)
-        drive = self._drive
+        drive, others = self._drive, member.others(now_ns)
+        tone = step.tone or (others.lit and drive is not None and not stands and drive.tone(now_ns))
+        self.others = replace(others, tones=self.others.tones + tone)
         if drive is None:
             pilot.navigator.granted.authority = FREE
             return step.notices

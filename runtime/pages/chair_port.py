@@ -74,13 +74,16 @@ class OthersView:
 
     `waits`: why this chair waits for its turn, as a sentence without the time; empty while it does not. `seconds`: the time [s]
     that is left of the wait, None where no end is foreseen. `others`: number and state in words of each other chair. `tones`: the
-    times that the chair came out of a place aside by its own eyes; each time a tone warns people and chairs on the way.
+    times that people on the way were to be warned by a tone. `first`: why this chair goes before others, as a sentence; empty if
+    it does not. `lit`: it goes before all others, and shows a light.
     """
 
     waits: str = ""
     seconds: float | None = None
     others: tuple[tuple[int, str], ...] = ()
     tones: int = 0
+    first: str = ""
+    lit: bool = False
 
 
 @dataclass(frozen=True, slots=True)

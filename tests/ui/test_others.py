@@ -122,9 +122,25 @@ def test_a_tone_is_sounded_once_for_each_way_out_by_its_own_eyes(page: Page, sha
         assert page.evaluate("notes") == count * [880, 660]
 
 
+def test_a_chair_that_goes_first_says_so_once_and_shows_its_light_while_staff_gave_it_way(
+    page: Page, shared: Shared
+) -> None:
+    top = "Goes before all others: staff said so."
+    shared.others = OthersView("Waits for chair 2 to leave the corridor.", 20.0, OTHERS, first=top, lit=True)
+    page.wait_for_selector("#others-first[data-lit=true]")
+    page.wait_for_timeout(800)  # several views
+    assert page.inner_text("#others-first") == top
+    lamp = "getComputedStyle(document.getElementById('others-first'), '::before')"
+    assert page.evaluate(f"{lamp}.borderRadius") == "50%"
+    shared.others = OthersView(others=OTHERS)
+    page.wait_for_selector("#others-first", state="hidden")
+    assert page.evaluate("phrases") == [top, "Goes on."]
+
+
 def test_axe_finds_no_fault_while_the_chair_waits(page: Page, shared: Shared) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
-    shared.others = OthersView("Lets chair 3 go first: it has waited longest.", None, OTHERS)
+    first = "Goes before all others: staff said so."
+    shared.others = OthersView("Lets chair 3 go first: it has waited longest.", None, OTHERS, first=first, lit=True)
     page.wait_for_selector("#others-waits:has-text('it has waited longest')")
     assert Axe().run(page).response["violations"] == []

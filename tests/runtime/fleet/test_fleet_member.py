@@ -177,8 +177,12 @@ def test_a_chair_takes_a_priority_from_the_desk_and_has_its_own_again_when_the_d
     ward.run(1.5)
     rows = {row["chair"]: row for row in ward.desk.view(ward.now_ns)["chairs"]}
     assert (rows[2]["priority"], rows[2]["minutes_left"]) == ("top", 5.0)
+    seen = {number: ward.members[number].others(ward.now_ns) for number in (1, 2)}
+    assert (seen[2].first, seen[2].lit) == ("Goes before all others: staff said so.", True)
+    assert (seen[1].first, seen[1].lit) == ("", False)
     ward.staff.give(2, "routine", KEY, ward.now_ns // 1_000_000)
     ward.run(GIVEN_LAPSES_NS * 1e-9 + 1.5)
+    assert not ward.members[2].others(ward.now_ns).lit
     assert {row["chair"]: row["priority"] for row in ward.desk.view(ward.now_ns)["chairs"]}[2] == "routine"
 
 

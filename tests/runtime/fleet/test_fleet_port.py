@@ -14,7 +14,9 @@ from waychair.errors import FleetError
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.fleet.peers.messages import IN_ORDER, MANUAL, Reader, State, building_of
 from waychair.planning.fleet.peers.peer import Fleet
+from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, Given, note_bytes
 from waychair.runtime.fleet.fleet_port import FleetPort
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pilot import Pilot
@@ -30,9 +32,9 @@ STEP_NS = 100_000_000
 class Alone:
     """The only chair of a building, with its pilot; `air` hears what it says."""
 
-    def __init__(self, chairs: tuple[int, ...] = (1,)) -> None:
-        """`chairs`: the fleet's; none but number 1 is there."""
-        self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset(chairs))
+    def __init__(self, chairs: tuple[int, ...] = (1,), voters: tuple[int, ...] = ()) -> None:
+        """`chairs`, `voters`: the fleet's; none but chair 1 is there."""
+        self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset(chairs), frozenset(voters))
         self.air = CarriedMessages([1, 2])
         self.port = FleetPort(self.fleet, 1, 101, CarriedEnd(self.air, 1), CHAIR_A, GRID, PLACES, self.redraw)
         self.pilot = Pilot(GRID, PLACES, CHAIR_A)
@@ -130,6 +132,26 @@ def test_a_chair_that_leaves_its_room_by_its_own_eyes_sounds_its_tone() -> None:
     assert chair.port.others.tones == 0
     chair.run(5.0)
     assert chair.port.others.tones == 1
+
+
+def test_a_chair_that_goes_before_all_others_sounds_its_tone_again_and_again_while_it_drives() -> None:
+    chair = Alone(voters=(9,))
+    chair.run(1.0)
+    chair.ask()
+
+    def tones(seconds: float, stands: bool = False, given: bool = True) -> int:
+        before = chair.port.others.tones
+        for _ in range(round(2 * seconds)):
+            if given:
+                chair.air.carry(9, 1, "given", note_bytes(Given(1, int(Priority.TOP))))
+            chair.run(0.5, stands=stands)
+        return chair.port.others.tones - before
+
+    tones(12.0, stands=True)  # it hears no warden, and sets off by its own eyes, which has a tone of its own
+    assert chair.port.others.lit
+    assert [tones(3.0, stands=True), tones(0.5), tones(4.5), tones(0.5)] == [0, 1, 0, 1]
+    tones(GIVEN_LAPSES_NS * 1e-9 + 1.0, given=False)
+    assert (chair.port.others.lit, tones(10.0, given=False)) == (False, 0)
 
 
 def test_goals_off_the_graph_and_maps_without_its_places_are_refused() -> None:

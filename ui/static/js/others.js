@@ -1,4 +1,5 @@
-// The other chairs of the building: for which one this chair waits, why and for how long, in words and spoken.
+// The other chairs of the building: for which one this chair waits, why and for how long, and whether it goes first; in words
+// and spoken.
 
 import { on } from "./link.js";
 import { $, element, sentenceOf, setText } from "./page.js";
@@ -7,6 +8,7 @@ import { soundWanted, speakOnly, warn } from "./sound.js";
 const GOES_ON = "Goes on.";
 
 let told = ""; // the wait that was spoken last
+let first = ""; // why this chair goes before others, as spoken last
 let tones = null; // those that were due so far; null before the first view
 
 /** The wait with its time; the last seconds are not counted, as people walk as they like. */
@@ -21,15 +23,18 @@ function show({ others }) {
   if (tones !== null && others?.tones > tones) warn();
   tones = others?.tones ?? null;
   if (!others) {
-    told = "";
+    told = first = "";
     return;
   }
   $("others-waits").hidden = !others.waits;
   setText($("others-waits"), waitOf(others));
-  if (others.waits !== told) {
-    tell(others.waits ? waitOf(others) : GOES_ON);
-    told = others.waits;
-  }
+  $("others-first").hidden = !others.first;
+  $("others-first").dataset.lit = others.lit;
+  setText($("others-first"), others.first);
+  if (others.first && others.first !== first) tell(others.first);
+  else if (others.waits !== told) tell(others.waits ? waitOf(others) : GOES_ON);
+  told = others.waits;
+  first = others.first;
   showChairs(others.chairs);
 }
 
