@@ -240,7 +240,9 @@ class ChainDriver:
         free, wanted = self._free_ahead(order), self.wanted
         if free == 0:
             return False
-        if wanted > free:
+        if wanted > free and self._is_own(order, free + 1):
+            wanted = free  # from there it can turn back to where it is
+        elif wanted > free:
             self._waits_since_ms = now_ms if self._waits_since_ms is None else self._waits_since_ms
             if now_ms - self._waits_since_ms < PATIENCE_MS and self._may_wait_in(0):
                 return False
@@ -262,6 +264,13 @@ class ChainDriver:
                 break
             count = k
         return count
+
+    def _is_own(self, order: Order, k: int) -> bool:
+        """Return whether spot k of those ahead is of a resource in which the chair is, and nobody else comes there before."""
+        resource = int(self._ways.resource[self._ahead[k]])
+        queue = order.queues[resource]
+        before = queue[: queue.index(Turn(self._number, self._visit + k))]
+        return bool(before) and all(turn.chair == self._number and turn.visit <= self._visit for turn in before)
 
     def _may_wait_in(self, k: int) -> bool:
         """Return whether the chair disturbs nobody by waiting in spot k of those ahead: in a refuge, or a section with room."""

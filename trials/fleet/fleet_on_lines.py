@@ -30,6 +30,9 @@ STEP_NS = 100_000_000
 
 _FIRST_BOOT = 1_000
 
+_REACHED = 0.01
+"""m; a goal so near is reached."""
+
 
 class CarriedMessages:
     """A network that brings everything by the next step."""
@@ -83,9 +86,7 @@ class ChairOnLine:
 
     def step(self, now_ns: int) -> MemberStep:
         """Run a step of the member, and follow its chain."""
-        chain = self.driver.chain
-        is_there = chain is not None and self.way >= chain.along[-1] - 0.01
-        step = self.member.step(now_ns, self.pose, 0 if is_there else self._goals)
+        step = self.member.step(now_ns, self.pose, self._goals_left())
         chain = self.driver.chain
         if step.driven.goals is not None:
             self._goals = len(step.driven.goals)
@@ -99,6 +100,14 @@ class ChairOnLine:
         if step.driven.authority.way_left(CHAIR_A, pose, pose.array()[None]) > 0.0:
             self.way, self.pose = way, pose
         return step
+
+    def _goals_left(self) -> int:
+        """Return how many goals of the chain are left: there is one at each fold of it, and one at its end."""
+        chain = self.driver.chain
+        if chain is None:
+            return self._goals
+        ends = [*chain.along[list(chain.folds)].tolist(), float(chain.along[-1])]
+        return min(self._goals, sum(self.way < end - _REACHED for end in ends))
 
 
 class ChairsOnLines:

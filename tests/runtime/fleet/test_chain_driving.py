@@ -20,6 +20,7 @@ from waychair.planning.fleet.warden import ChairReport, Heard, WardenState, deci
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import PATIENCE_MS, ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
+from waychair.runtime.fleet.peer_driving import seen_order
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, places_in_rooms
 from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -439,3 +440,28 @@ def test_a_chair_that_lets_another_one_pass_in_a_side_way_gets_its_end_as_a_goal
         places = spot_places(ways)
         folds = chain_of(ways, places, node_rooms(scene.graph), points.order.chains[k].spots).folds
         assert len(folds) == len(steps.goals or ()) - 1
+
+
+@pytest.mark.parametrize("free", [0, 1])
+def test_a_chair_that_turns_about_at_a_node_waits_for_nothing_but_the_node(free: int) -> None:
+    """The section behind the node is the one in which it is: nobody else can take it."""
+    places, after = spot_places(WAYS), [WAYS.after[a:b].tolist() for a, b in itertools.pairwise(WAYS.first)]
+    ways_back = (
+        (spot, node, back, after[back][0])
+        for spot, here in enumerate(places)
+        if here.section is not None and here.length >= 3.0
+        for node in after[spot]
+        for back in after[node]
+        if WAYS.resource[back] == WAYS.resource[spot]
+    )
+    spot, *chain = next(ways_back)
+    driver = ChainDriver(WAYS, 1, CHAIR_A, dict(PLACES))
+    driver.stand_in((spot,))
+    (x0, y0), (x1, y1) = places[spot].points[-2:].tolist()
+    heading = math.atan2(y1 - y0, x1 - x0)
+    back_m = TURNING_ROOM + CHAIR_A.front
+    pose = Pose2(x1 - back_m * math.cos(heading), y1 - back_m * math.sin(heading), heading)
+    assert driver.wanted == 0
+    steps = driver.step(seen_order(WAYS, 1, (spot,), 0, chain, free), pose, 0, 2)
+    assert driver.wanted >= 1
+    assert steps.report.visits == free
