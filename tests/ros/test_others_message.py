@@ -11,7 +11,14 @@ from waychair.runtime.pages.chair_port import OthersView
 
 
 def test_the_others_come_as_they_were_sent_and_other_texts_are_refused() -> None:
-    view = OthersView("Waits for chair 2 to leave the ward.", 12.5, ((2, "Stands by."), (3, "")), 4)
+    view = OthersView(
+        "Waits for chair 2 to leave the ward.",
+        12.5,
+        ((2, "Stands by."), (3, "")),
+        4,
+        "Goes first: you have an appointment.",
+        True,
+    )
     assert read_others(others(view)) == view
     with pytest.raises(MessageError, match="about other chairs cannot be read"):
         read_others(make("std_msgs/msg/String", '{"waits": 3}'))
