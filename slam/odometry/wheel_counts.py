@@ -23,11 +23,11 @@ class WheelCounts:
     def update(self, reading: WheelTicks) -> WheelTicks:
         """Return a reading whose counts continue those before.
 
-        Counts near zero after a silence, and far from the last ones, mean a restarted counter; the chair is assumed to
-        have stood meanwhile. Otherwise the jump would be read as a motion of metres within a second.
+        Counts near zero after a silence or with another clock, and far from the last ones, mean a restarted counter; the
+        chair is assumed to have stood meanwhile. Otherwise the jump would be read as a motion of metres within a second.
         """
         before, self._before = self._before, reading
-        if before is not None and reading.stamp_ns - before.stamp_ns > _SILENT_NS:
+        if before is not None and abs(reading.stamp_ns - before.stamp_ns) > _SILENT_NS:
             was, now = (before.left, before.right), (reading.left, reading.right)
             turn = self.body.ticks_per_turn
             near_zero = max(map(abs, now)) < turn // 4

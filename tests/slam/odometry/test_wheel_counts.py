@@ -24,6 +24,12 @@ def test_counts_that_restart_after_a_silence_continue_from_their_last_value() ->
     assert counts.update(WheelTicks(4 * SECOND, 5, 5)) == WheelTicks(4 * SECOND, 90_005, 80_005)
 
 
+def test_counts_and_clock_that_restart_together_continue_as_well() -> None:
+    counts = WheelCounts(BODY)
+    counts.update(WheelTicks(3_000 * SECOND, 90_000, 80_000))
+    assert counts.update(WheelTicks(0, 3, 0)) == WheelTicks(0, 90_000, 80_000)
+
+
 @given(st.lists(st.tuples(COUNT, COUNT), min_size=1, max_size=20))
 def test_without_a_silence_nothing_is_added(readings: list[tuple[int, int]]) -> None:
     counts = WheelCounts(BODY)
