@@ -70,11 +70,12 @@ class Bench:
             raise GloveError(problem)
 
     def play(self, steps: Sequence[PlayStep]) -> None:
-        """Play a pattern to its end.
+        """Play a pattern to its end; a glove that has waited for a slow answer, and heard nothing meanwhile, is greeted anew.
 
         Raises:
             GloveError: the glove does not play it.
         """
+        self.ready()
         problem = self._bridge.play(steps, PRIORITY, 500, time.monotonic_ns())
         self.wait(0.0 if problem else 0.05 + sum(step.on_ms + step.off_ms for step in steps) / 1000.0)
         refused = problem or "; ".join(self._bridge.refusals)

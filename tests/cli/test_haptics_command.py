@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -72,12 +73,23 @@ def test_a_pattern_that_breaks_a_limit_is_told_with_place_and_amount(tmp_path: P
     assert "glove_3x3: forward: longest pattern is 600 ms, here 750 ms, that is 150 ms too much" in done.stdout
 
 
-def test_a_rider_is_asked_how_the_glove_sits(tmp_path: Path, live: LiveGlove, monkeypatch: pytest.MonkeyPatch) -> None:
+class Answers(io.StringIO):
+    """A rider who takes a while over each answer, longer than a glove that hears nothing keeps its session."""
+
+    def readline(self, size: int = -1, /) -> str:
+        """Return the next answer."""
+        time.sleep(0.6)
+        return super().readline(size)
+
+
+def test_a_rider_who_takes_time_is_asked_how_the_glove_sits(
+    tmp_path: Path, live: LiveGlove, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(bench, "PROBE_MS", 20)
     monkeypatch.setattr(bench, "PROBE_REST_MS", 0)
     # The ring begins at the motors 1, 8 and 0 in turn: each answer names the motor 0.
     answers = ["2", "5", "1", "weaker", *["same"] * 9]
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers) + "\n"))
+    monkeypatch.setattr("sys.stdin", Answers("\n".join(answers) + "\n"))
     done = waychair("haptics", "tune", tmp_path / "rider.yaml", "--port", f"pty:{live.path}")
     assert done.returncode == 0, done.stderr
     fitted = load_profile(tmp_path / "rider.yaml")
