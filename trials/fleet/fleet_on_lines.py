@@ -106,7 +106,7 @@ class ChairOnLine:
         chain = self.driver.chain
         if chain is None:
             return self._goals
-        ends = [*chain.along[list(chain.folds)].tolist(), float(chain.along[-1])]
+        ends: list[float] = [*chain.along[list(chain.folds)].tolist(), float(chain.along[-1])]
         return min(self._goals, sum(self.way < end - _REACHED for end in ends))
 
 
