@@ -142,15 +142,16 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             simulator = self._build(ends)
             body = simulator.body
             self._odometry = OdometryFilter(body)
+            leave_out_present()
+            # Both at once: time that passed between them would be the age of every stamp, and the chair never ready.
             self._began_ns = time.time_ns() - simulator.now_ns
+            self._pacer.pace(simulator.now_ns)
             if self.settings.publish_base:
                 self._send(topics.TF_STATIC, ros_messages.transforms(self._stamp_ns(0), static_transforms(body)))
                 self._send(topics.ROBOT_DESCRIPTION, robot_description(body))
             step_ns = simulator.settings.plant.step_ms * 1_000_000
             clock_ns = round(1e9 / _CLOCK_HZ)
             self._simulator = simulator
-            leave_out_present()
-            self._pacer.pace(simulator.now_ns)
             while not self._ended.is_set():
                 simulator.rider = self._rider(simulator.now_ns)
                 if simulator.settings.servo_camera.rate_hz > 0.0 and simulator.camera_problem is None:

@@ -77,6 +77,27 @@ def test_every_sensor_has_its_frame_and_the_common_clock(simulation: Simulation)
     assert sensors.read_range(simulation.heard["sonar_0"][-1]) > 0.0
 
 
+SLOW_START = """
+import time
+from waychair.ros.nodes import simulator_node
+simulator_node.leave_out_present = lambda: time.sleep(0.5)
+simulator_node.main()
+"""
+
+
+def test_a_slow_start_makes_no_stamp_older(ros: Harness) -> None:
+    heard, ages = ros.heard(topics.JOINTS, "/slow/joint_states"), list[int]()
+
+    def is_heard_often() -> bool:
+        ages.extend(time.time_ns() - stamp_of(message) for message in heard[-1:])
+        return len(heard) >= 50
+
+    with ros.process("-c", SLOW_START, "--ros-args", "-p", "people:=false", "-r", "__ns:=/slow"):
+        ros.spin_until(is_heard_often, "wheel counts")
+    heard.close()
+    assert min(ages) < 0.3e9
+
+
 @pytest.mark.parametrize(("topic", "period_ms"), [(topics.ODOMETRY, 20), (topics.JOINTS, 20), (topics.TRUTH, 20)])
 def test_reliable_topics_lose_no_message_and_keep_their_period(
     simulation: Simulation, topic: topics.RosTopic, period_ms: float
