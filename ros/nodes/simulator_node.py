@@ -159,13 +159,13 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
                 for state in () if self._lifts is None else self._lifts.step(self._stamp_ns(simulator.now_ns)):
                     self._send(topics.LIFT_STATES, lift_state(state))
                 messages = simulator.advance(step_ns)
+                self._pacer.pace(simulator.now_ns)  # before the messages, whose stamps would be in the future
                 self._publish_lines()
                 if self._uses_sim_time and simulator.now_ns % clock_ns < step_ns:
                     self._send_clock(simulator.now_ns)
                 for message in messages:
                     stamped = replace(message, stamp_ns=self._stamp_ns(message.stamp_ns))
                     _SENDS[type(stamped)](self, stamped)
-                self._pacer.pace(simulator.now_ns)
             self._simulator = None
 
     def _build(self, ends: ExitStack) -> Simulator:
