@@ -257,13 +257,14 @@ def foreseen(order: Order, now_ms: int, clearing_ms: int) -> dict[Turn, Stay] | 
             if earlier is not None:
                 free = left.get(earlier)
                 if free is None:
-                    other, onward = chains[earlier.chair], earlier.visit + 1 - chains[earlier.chair].visit
+                    other, theirs = chains[earlier.chair], enters[earlier.chair]
                     if earlier.visit >= other.last:
                         return None  # its holder never leaves
-                    if onward >= len(enters[earlier.chair]):
+                    onward = earlier.visit + 1 - other.visit
+                    if onward >= len(theirs):
                         held_up_by.setdefault((earlier.chair, onward), []).append(chair)
                         break
-                    free = enters[earlier.chair][onward] + clearing_ms
+                    free = theirs[onward] + clearing_ms
                 time = max(time, free)
             own.append(time)
             going += held_up_by.pop((chair, k), ())
