@@ -7,11 +7,14 @@ worker dies (distributed #5234).
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import queue
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,6 +81,25 @@ class ClusterPool:
             yield from _Dispatch(session, self._shared, jobs).outcomes()
 
 
+def _event_loop() -> tuple[Any, Callable[[], None]]:
+    """Return an event loop of tornado's that runs in a thread, and a function that ends it.
+
+    On a computer with much else to do the thread may begin late; `distributed` itself gives up after 10 s, by an assertion.
+    """
+    from tornado.ioloop import IOLoop
+
+    began: Future[tuple[IOLoop, asyncio.Event]] = Future()
+
+    async def run() -> None:
+        stopped = asyncio.Event()
+        began.set_result((IOLoop.current(), stopped))
+        await stopped.wait()
+
+    threading.Thread(target=lambda: asyncio.run(run()), daemon=True, name="event loop of a cluster").start()
+    loop, stopped = began.result()
+    return loop, lambda: loop.add_callback(stopped.set)
+
+
 class _Session:
     """A connection to a cluster."""
 
@@ -94,7 +116,8 @@ class _Session:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # an error says what they say about lost links
         try:
             connect: Any = Client  # untyped
-            self.client = connect(self.address, timeout=CONNECT_S, set_as_default=False)
+            loop, self._stop_loop = _event_loop()
+            self.client = connect(self.address, timeout=CONNECT_S, set_as_default=False, loop=loop)
         except (OSError, ValueError, TimeoutError) as error:
             raise ClusterError(
                 f"there is no cluster at {self.address}: start one with `dask scheduler` and `dask worker ADDRESS`, or "
@@ -105,6 +128,7 @@ class _Session:
     def __exit__(self, *_: object) -> None:
         with suppress(Exception):  # a cluster that went away cannot be told good-bye
             self.client.close(timeout=2)
+        self._stop_loop()
 
     def threads(self) -> int:
         """Return how many jobs the workers run at a time; 0 without any.

@@ -9,8 +9,9 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,13 @@ def _free_port() -> int:
         each.bind(("127.0.0.1", 0))
         port: int = each.getsockname()[1]
         return port
+
+
+def _wait_until_open(port: int) -> None:
+    while True:  # a busy computer takes long to start a scheduler
+        with suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.05)
 
 
 @contextmanager
@@ -51,6 +59,7 @@ def cluster(workers: int, folder: Path) -> Iterator[tuple[str, subprocess.Popen[
     with ExitStack() as stack:
         port = address.rpartition(":")[2]
         scheduler = stack.enter_context(started("dask_scheduler", "--host", "127.0.0.1", "--port", port))
+        _wait_until_open(int(port))
         own = ("--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
         yield address, scheduler, [stack.enter_context(started("dask_worker", address, *own)) for _ in range(workers)]
 
