@@ -24,7 +24,7 @@ from waychair.control.behaviours.presets import Preset, shipped
 from waychair.control.behaviours.range_finder import CameraAim, LaserLine
 from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.view.sensor_parts import doors_seen, map_part, people_fans, picture_fans
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.control.drive.local_obstacles import levelled_ground_view
 from waychair.errors import BehaviourError
 from waychair.geometry import transform_points

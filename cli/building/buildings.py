@@ -127,7 +127,7 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
     """
     from collections import Counter
 
-    from waychair.maps.building.hgraph_checks import FindingSeverity, check
+    from waychair.maps.building.checks.hgraph_checks import FindingSeverity, check
     from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.surroundings import surroundings
 

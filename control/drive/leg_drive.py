@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.calibration.chair_body import BodyLayer, ChairBody
-from waychair.control.drive.live_jambs import DoorWatch
+from waychair.control.drive.doors.live_jambs import DoorWatch
 from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
 from waychair.geometry import arc_lengths, nearest_step, transform_points
 from waychair.maps.grid.distance_field import DistanceField

@@ -15,7 +15,7 @@ import numpy as np
 from evaluation.scenes.tight_places import door_scene
 from waychair.calibration.chair_body import CHAIR_A, ChairBody, sonar_mounts
 from waychair.control.behaviours.view.servo_cells import SWEEP
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.geometry import compose, in_space, transform_points
 from waychair.maps.depth.depth_scan import DepthSettings, depth_scan
 from waychair.maps.grid.cells import occupied

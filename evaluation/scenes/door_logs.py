@@ -13,7 +13,7 @@ from types import ModuleType
 
 import numpy as np
 
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.planning.seen.doorways import Doorway
 from waychair.recordings.text.carmen import decompressed_text, read_carmen
 from waychair.types import FloatArray, Json, Pose2, Scan

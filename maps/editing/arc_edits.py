@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from waychair.errors import BuildingError
+from waychair.maps.building.checks.storey_checks import SAME_M
 from waychair.maps.building.hgraph import (
     Arc,
     Closure,
@@ -24,7 +25,6 @@ from waychair.maps.building.hgraph import (
     parent_path,
 )
 from waychair.maps.building.hgraph_edits import arc_ref, with_nodes, with_submap
-from waychair.maps.building.storey_checks import SAME_M
 from waychair.maps.building.text_forms import arc_line, arc_of, doorway_line, doorway_of, node_line, node_of
 from waychair.maps.editing.addresses import (
     PREFIXES,

@@ -13,8 +13,8 @@ from waychair.calibration.chair_body import ROBOT, ChairBody
 from waychair.errors import MapError, NoPath, PlanningError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, followed
-from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings
-from waychair.maps.building.hgraph_checks import Checker
+from waychair.maps.building.checks.graph_findings import GraphFinding, GraphSurroundings
+from waychair.maps.building.checks.hgraph_checks import Checker
 from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones

@@ -12,7 +12,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.control.behaviours.view.sensor_cells import SONAR_RANGE
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.control.drive.echo_filter import EchoFilter
 from waychair.errors import MessageError
 from waychair.maps.depth.depth_scan import DepthSettings, depth_scan, frame_problem

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 from waychair.control.behaviours.doorway import FrameCandidate, FramesSeen
-from waychair.control.drive.door_frame_tracker import DoorFrameTracker, FollowedFrame
+from waychair.control.drive.doors.door_frame_tracker import DoorFrameTracker, FollowedFrame
 from waychair.planning.seen.door_frames import DoorFrame, door_frames
 from waychair.types import FloatArray, Picture, Pose2
 

@@ -19,7 +19,7 @@ from waychair.control.behaviours.commands import FreeKind
 from waychair.control.behaviours.presets import preset_network
 from waychair.control.behaviours.replay import replay
 from waychair.control.behaviours.trace import Trace, read_trace
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.errors import OutputError, TraceError
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.black_box.cell_traces import CellTraceFile, trace_at

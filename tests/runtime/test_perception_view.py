@@ -12,7 +12,7 @@ from waychair.control.behaviours.commands import NULL, STOP, FreeCommand, FreeKi
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.presets import shipped
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.pages.perception_view import (
     aim_words,

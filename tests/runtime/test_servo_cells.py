@@ -15,7 +15,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.control.behaviours.commands import FreeKind, between
 from waychair.control.behaviours.view.servo_cells import SWEEP
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.geometry import in_space
 from waychair.planning.seen.door_frames import DoorFrame
 from waychair.planning.seen.doorways import DoorState, Doorway

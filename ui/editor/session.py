@@ -20,7 +20,7 @@ from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.errors import BuildingError, WaychairError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, load_building, new_building
-from waychair.maps.building.hgraph_checks import FindingSeverity, GraphFinding
+from waychair.maps.building.checks.hgraph_checks import FindingSeverity, GraphFinding
 from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.building.indexed import indexed
 from waychair.maps.editing.arc_edits import Operation

@@ -10,8 +10,8 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.building.building import add_storey, new_building
+from waychair.maps.building.checks.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.building.hgraph import HGraph, NodeKind, Storey
-from waychair.maps.building.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map
 from waychair.planning.building.generation.storey_generation import generated_storey, save_generation

@@ -8,8 +8,8 @@ import pytest
 
 from tests.maps.building.buildings import two_storeys
 from waychair.errors import WaychairError
+from waychair.maps.building.checks.hgraph_checks import check
 from waychair.maps.building.hgraph import Arc, ArcRef, HGraph, NodeKind, NodeRef
-from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.editing.draft import Draft
 from waychair.maps.editing.edit_log import History

@@ -14,7 +14,7 @@ import yaml
 
 from waychair.errors import BuildingError
 from waychair.maps.building.building import load_building
-from waychair.maps.building.hgraph_checks import check
+from waychair.maps.building.checks.hgraph_checks import check
 from waychair.maps.drawn.places import load_places
 from waychair.maps.exchange.flat_graph import write_imported
 from waychair.maps.exchange.open_rmf import building_from_open_rmf

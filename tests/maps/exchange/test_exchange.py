@@ -15,8 +15,8 @@ import yaml
 
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, load_building, save_building
+from waychair.maps.building.checks.hgraph_checks import check
 from waychair.maps.building.hgraph import Arc, HGraph, Node, NodeKind
-from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import with_nodes, with_submap, without_node
 from waychair.maps.exchange.exchange import read_exchange, write_exchange
 from waychair.maps.exchange.flat_graph import flat_graph, write_imported

@@ -10,8 +10,8 @@ import pytest
 
 from tests.maps.building.buildings import two_storeys
 from waychair.maps.building.building import Building, load_building, save_building
+from waychair.maps.building.checks.hgraph_checks import check
 from waychair.maps.building.hgraph import Arc, HGraph, Lift, Node, NodeKind, NodeRef, Stop, SubmapFrame
-from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.planning.building.generation.storey_generation import aligned_storey

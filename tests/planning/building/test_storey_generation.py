@@ -13,8 +13,8 @@ from tests.maps.rooms.drawn_plans import DrawnPlan, ward
 from waychair.calibration.chair_body import BODIES
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, add_storey, load_building, new_building
+from waychair.maps.building.checks.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.building.hgraph import Arc, Closure, HGraph, Node, NodeKind, Origin, Storey, SubMap, full_name
-from waychair.maps.building.hgraph_checks import FindingSeverity, GraphSurroundings, check
 from waychair.maps.building.hgraph_edits import with_nodes, with_submap, without_node, without_submap
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from waychair.control.drive.door_frame_tracker import LOST, STEADY, DoorFrameTracker
+from waychair.control.drive.doors.door_frame_tracker import LOST, STEADY, DoorFrameTracker
 from waychair.planning.seen.door_frames import DoorFrame
 
 CAMERA = np.array([[400.0, 0.0, 256.0], [0.0, 400.0, 192.0], [0.0, 0.0, 1.0]])

@@ -10,9 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from waychair.maps.building.building_checks import BESIDE_M
+from waychair.maps.building.checks.building_checks import BESIDE_M
+from waychair.maps.building.checks.graph_findings import (
+    FindingSeverity,
+    GraphFinding,
+    GraphSurroundings,
+    error,
+    warning,
+)
+from waychair.maps.building.checks.storey_checks import LARGEST_M, SAME_M, crossing_pairs
 from waychair.maps.building.connections import folded
-from waychair.maps.building.graph_findings import FindingSeverity, GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.hgraph import (
     Arc,
     GraphDoorway,
@@ -26,7 +33,6 @@ from waychair.maps.building.hgraph import (
     parent_path,
 )
 from waychair.maps.building.hgraph_edits import arc_ref
-from waychair.maps.building.storey_checks import LARGEST_M, SAME_M, crossing_pairs
 from waychair.maps.drawn.zones import Rule, zone_contains
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import FloatArray, OccupancyGrid

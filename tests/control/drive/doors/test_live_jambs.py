@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.drive.live_jambs import DoorWatch, find_doorway
+from waychair.control.drive.doors.live_jambs import DoorWatch, find_doorway
 from waychair.types import FloatArray, Pose2
 
 WIDTH = 0.8

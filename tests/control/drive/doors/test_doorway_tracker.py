@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.planning.seen.lidar_rooms import drive_past, leaf, view_of, wall_with_door
-from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.planning.seen.doorways import DoorState
 from waychair.types import FloatArray, Pose2
 
@@ -146,6 +146,6 @@ def test_seen_again_from_the_other_side_it_is_the_same_doorway() -> None:
 
 
 def test_of_too_many_candidates_those_seen_longest_ago_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("waychair.control.drive.doorway_tracker.MOST_CANDIDATES", 0)
+    monkeypatch.setattr("waychair.control.drive.doors.doorway_tracker.MOST_CANDIDATES", 0)
     tracker = _seen(wall_with_door(0.9))
     assert [door.validated for door in tracker.doorways] == [True]

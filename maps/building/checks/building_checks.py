@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from waychair.maps.building.checks.graph_findings import GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.connections import ConnectedSubmap, Connections, folded, special_arcs
-from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.hgraph import ROOT, HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
 

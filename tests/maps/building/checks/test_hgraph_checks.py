@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.maps.building.buildings import two_storeys
-from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings
+from waychair.maps.building.checks.graph_findings import GraphFinding, GraphSurroundings
+from waychair.maps.building.checks.hgraph_checks import Checker, check
 from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
@@ -27,7 +28,6 @@ from waychair.maps.building.hgraph import (
     SubmapFrame,
     Way,
 )
-from waychair.maps.building.hgraph_checks import Checker, check
 from waychair.maps.building.hgraph_edits import closed, with_lift, with_nodes, with_submap, with_way
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.types import OccupancyGrid, Place, Pose2

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from waychair.maps.building.graph_findings import GraphFinding, GraphSurroundings, error, warning
+from waychair.maps.building.checks.graph_findings import GraphFinding, GraphSurroundings, error, warning
 from waychair.maps.building.hgraph import HGraph, NodeRef, SubMap, SubmapFrame, inner_end
 from waychair.types import BoolArray, FloatArray, IntArray
 

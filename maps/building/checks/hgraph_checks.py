@@ -11,11 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from waychair.maps.building.building_checks import building_findings
-from waychair.maps.building.connections import ConnectedSubmap, connections, part_of
-from waychair.maps.building.graph_findings import NO_SURROUNDINGS, FindingSeverity, GraphFinding, GraphSurroundings
-from waychair.maps.building.hgraph import HGraph, SubMap, SubmapFrame, parent_path
-from waychair.maps.building.storey_checks import (
+from waychair.maps.building.checks.building_checks import building_findings
+from waychair.maps.building.checks.graph_findings import (
+    NO_SURROUNDINGS,
+    FindingSeverity,
+    GraphFinding,
+    GraphSurroundings,
+)
+from waychair.maps.building.checks.storey_checks import (
     Crossings,
     Outline,
     Suspect,
@@ -23,7 +26,9 @@ from waychair.maps.building.storey_checks import (
     outline_of,
     storey_findings,
 )
-from waychair.maps.building.submap_checks import Outside, outsides, submap_findings
+from waychair.maps.building.checks.submap_checks import Outside, outsides, submap_findings
+from waychair.maps.building.connections import ConnectedSubmap, connections, part_of
+from waychair.maps.building.hgraph import HGraph, SubMap, SubmapFrame, parent_path
 
 __all__ = ["Checker", "FindingSeverity", "GraphFinding", "GraphSurroundings", "check"]
 
