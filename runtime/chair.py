@@ -18,6 +18,7 @@ from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
 from waychair.control.drive.navigator import Navigator
 from waychair.control.haptics.guidance import StickHold
+from waychair.control.haptics.next_door import DoorSide, next_door, no_door
 from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
 from waychair.firmware_bridge.bridge import Bridge
@@ -41,6 +42,7 @@ from waychair.slam.localising.localiser import (
     LocaliserSettings,
     prepared_map,
 )
+from waychair.topics import ODOMETRY
 from waychair.types import (
     Goal,
     HelpLevel,
@@ -64,6 +66,8 @@ __all__ = [
     "Watchers",
     "perceive_field",
 ]
+
+NO_DOORWAYS = "this chair does not look for doorways: start it with the setting `perceive`"
 
 NOBODY_LEADS = "this chair has no glove and no voice to lead you by: start it with a rider's file (--haptics)"
 
@@ -257,6 +261,24 @@ class Chair:
         self.haptics.lead(goal)
         return f"You are led to {goal.name}."
 
+    def lead_through(self, side: DoorSide) -> tuple[bool, str]:
+        """Lead the driving rider through the next doorway on a side, by odometry and what the lidar shows; no map is used.
+
+        Return whether there is one, and a sentence about it.
+        """
+        if self.haptics is None:
+            return False, NOBODY_LEADS
+        if self._perception is None:
+            return False, NO_DOORWAYS
+        goal = next_door(self._perception.doorways, self.odom_from_base, side, self._calibration.body)
+        if goal is None:
+            return False, no_door(side)
+        self._tell("lead through", (Goal(goal.name),))
+        if self.level is HelpLevel.GUARD:
+            self._base.choose_level(HelpLevel.GUIDE)
+        self.haptics.lead_by_odometry(goal)
+        return True, f"You are led through {goal.name}."
+
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
         self._tell("stop")
@@ -407,7 +429,8 @@ class Chair:
 
     def _haptic_inputs(self, state: ChairState) -> HapticInputs:
         """Return a tick's facts for the guide of a rider without sight."""
-        found, telemetry = state.localisation, state.telemetry
+        found, telemetry, motion = state.localisation, state.telemetry, self._base.motion
+        gone = motion.odometry is None or ODOMETRY.is_stale(motion.odometry.stamp_ns, state.stamp_ns)
         knows = found is not None and found.state is not LocalisationState.LOST
         return HapticInputs(
             now_ns=state.stamp_ns,
@@ -419,6 +442,7 @@ class Chair:
             guard=None if telemetry is None else telemetry.guard,
             signal=None if state.perceived is None else state.perceived.told,
             computer_drives=state.verdict.computer_drives and not state.verdict.steered,
+            odom_from_base=None if gone else motion.odom_from_base(state.stamp_ns),
         )
 
     @property
@@ -449,7 +473,8 @@ class Chair:
             self._pilot.see(scan, self._localisation, base.motion.twist)
             base.note_mapped_legs(self._pilot.mapped_legs, scan.stamp_ns)
             if self.haptics is not None:
-                self.haptics.see(scan, self._localisation.map_from_base, base.motion.twist)
+                known = None if self._localisation.state is LocalisationState.LOST else self._localisation.map_from_base
+                self.haptics.see(scan, known, odom_from_base, base.motion.twist)
             if cells is not None:
                 cells.see(scan, odom_from_base)
         elif isinstance(message, SonarReadings):

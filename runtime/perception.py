@@ -140,6 +140,11 @@ class Perception:
         self._warm_up()
         self._runtime, self._count = Runtime(self._network.wiring, timer=timer), 0
 
+    @property
+    def doorways(self) -> tuple[Doorway, ...]:
+        """The doorways and candidates near the chair, in odom."""
+        return self._doorways.found
+
     def see(self, scan: Scan, odom_from_base: Pose2) -> None:
         """Take in a scan without the beams that hit the chair itself, and the odometry at its stamp."""
         self._heard["lidar"] = scan

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from waychair.control.haptics.next_door import DoorSide
 from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import SLOWEST, Rule, Zone
@@ -60,6 +61,10 @@ class _StoreyArguments(_Arguments, frozen=True):
 
 class _PlaceNameArguments(_Arguments, frozen=True):
     goal: str
+
+
+class _SideArguments(_Arguments, frozen=True):
+    side: DoorSide
 
 
 class _GuideArguments(_Arguments, frozen=True):
@@ -159,6 +164,7 @@ COMMANDS: Mapping[str, _Command] = {
     "start_at": _Command(_PlaceNameArguments, lambda port, asked: port.start_at(asked.goal)),
     "guide": _Command(_GuideArguments, lambda port, asked: port.guide(asked.goal, asked.level)),
     "lead": _Command(_PlaceNameArguments, lambda port, asked: port.lead(asked.goal)),
+    "lead_through": _Command(_SideArguments, lambda port, asked: port.lead_through(asked.side)),
     "end_lead": _Command(_NoArguments, lambda port, _: port.end_lead()),
     "say_again": _Command(_NoArguments, lambda port, _: port.say_again()),
     "say_where": _Command(_NoArguments, lambda port, _: port.say_where()),

@@ -8,9 +8,6 @@ because no map could correct it. A tick never raises: every failure becomes a st
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import product
-
-import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings
@@ -25,7 +22,7 @@ from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import DwaSettings, braking
-from waychair.types import OccupancyGrid, Path, Pose2, Scan, Twist
+from waychair.types import Path, Pose2, Scan, Twist
 
 REPLAN_PERIOD_S = 0.2
 """s; time between two plans."""
@@ -115,16 +112,10 @@ class MaplessNavigator:
             self._no_path_reason = str(error)
 
     def _costmap(self) -> Costmap:
-        """Return the costmap of the memory in coarser cells; a cell is occupied if any of its parts is."""
-        n, fine = COARSER, self._memory.occupied()
-        height, width = (-size % n for size in fine.shape)
-        fine = np.pad(fine, ((0, height), (0, width)))
-        solid = fine[::n, ::n].copy()
-        for i, j in product(range(n), range(n)):
-            solid |= fine[i::n, j::n]
-        cells = np.where(solid, np.int8(100), np.int8(0))
-        grid = OccupancyGrid(cells, n * self._memory.resolution, self._memory.corner)
-        return costmap_from_grid(grid, self._body, comfortable=self._settings.clearance.comfortable)
+        """Return the costmap of the memory in coarser cells."""
+        return costmap_from_grid(
+            self._memory.grid(COARSER), self._body, comfortable=self._settings.clearance.comfortable
+        )
 
     def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
-from waychair.types import BoolArray, Pose2, Scan
+from waychair.types import BoolArray, OccupancyGrid, Pose2, Scan
 
 FINE_CELLS = OccupancySettings(resolution=0.025, range_max=5.0, open_range=5.0)
 """Small cells for driving close to obstacles; beams without an echo clear as far as obstacles are seen."""
@@ -36,6 +38,16 @@ class GridMemory:
     def occupied(self) -> BoolArray:
         """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
         return self._evidence.occupied()
+
+    def grid(self, coarser: int) -> OccupancyGrid:
+        """Return a grid whose cells are `coarser` times as wide: occupied if any of their parts is, and else free."""
+        n, fine = coarser, self.occupied()
+        height, width = (-size % n for size in fine.shape)
+        fine = np.pad(fine, ((0, height), (0, width)))
+        solid = fine[::n, ::n].copy()
+        for i, j in product(range(n), range(n)):
+            solid |= fine[i::n, j::n]
+        return OccupancyGrid(np.where(solid, np.int8(100), np.int8(0)), n * self.resolution, self.corner)
 
     def include(self, at: Pose2) -> None:
         """Grow until all beams of a laser at this pose end inside."""

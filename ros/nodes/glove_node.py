@@ -5,13 +5,14 @@
 | haptics/advice | symbols of other nodes to be felt and heard, each valid for a while |
 | map, floor, localisation, odom, scan | to lead the rider: the map, the pose on it, and new things |
 | guard, drive_state, stop | the level of help, a stick that is held back, the driver, and Stop |
-| perception/state | the things round the chair, for a rider that asks |
+| perception/state | the things and doorways round the chair, for a rider that asks |
 
 | sends | |
 |---|---|
 | haptics/state | the glove, the present step, the last symbol and the reason if it was not felt, as a page shows them |
 
-Services: `haptics/lead` (waychair_msgs/Lead: a place of the map), `haptics/end`, `haptics/say_again`, `haptics/say_where`
+Services: `haptics/lead` (waychair_msgs/Lead: a place of the map), `haptics/lead_through` (waychair_msgs/LeadThrough: the next
+doorway on a side, without a map), `haptics/end`, `haptics/say_again`, `haptics/say_where`
 (std_srvs/Trigger).
 """
 

@@ -6,6 +6,7 @@ reaches the rider, the steps are withheld and named as such, and the chair drive
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -19,14 +20,29 @@ from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.live_ground import LiveGround
+from waychair.runtime.haptics.seen_ground import SeenGround
 from waychair.runtime.haptics.session_log import SessionCounter
-from waychair.runtime.haptics.step_leader import StepLeader
+from waychair.runtime.haptics.step_leader import AskGround, StepLeader
 from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, ToldAdvice
 from waychair.runtime.haptics.where import where_words
 from waychair.types import HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
 
 LOST = "the chair does not know where it is: stop, and wait until it does"
 """Reason of the warning to a rider who is led when the pose is lost."""
+
+NO_ODOMETRY = "the chair does not know how far it has driven: stop, and wait until it does"
+"""Reason of the warning to a rider who is led by odometry alone when there is none."""
+
+NOT_SEEN = "the lidar shows nothing: stop, and wait until it does"
+"""Reason of the warning to a rider who is led by odometry alone while no scan comes."""
+
+BEGUN_ANEW = "the odometry has begun anew: choose the door again"
+
+_LEAP = 0.5
+"""m; no chair drives so far in a tick."""
+
+_SCANLESS_NS = 1_000_000_000
+"""ns without a scan, after which nobody is led by odometry alone."""
 
 AGAIN_NS = 1_500_000_000
 """Two presses of the glove's button within this time ask where the chair is."""
@@ -43,6 +59,32 @@ class _Asked:
     where: bool = False
     pressed_ns: int = -(10**18)
     again_ns: int | None = None
+
+
+@dataclass(slots=True)
+class _ByOdometry:
+    """A way by odometry alone: its ground, whether a scan has come since the last tick, and pose and scan of the ticks before."""
+
+    ground: SeenGround
+    is_fresh: bool = False
+    seen_ns: int = 0
+    before: Pose2 | None = None
+
+    def withheld(self, now: HapticInputs) -> str:
+        """Note a tick, and return why nobody is led in it."""
+        pose, before = now.odom_from_base, self.before
+        if pose is None:
+            return NO_ODOMETRY
+        self.before = pose
+        if before is not None and math.hypot(pose.x - before.x, pose.y - before.y) > _LEAP:
+            return BEGUN_ANEW
+        if self.is_fresh:
+            self.is_fresh, self.seen_ns = False, now.now_ns
+        return "" if self.ground.is_seen and now.now_ns - self.seen_ns <= _SCANLESS_NS else NOT_SEEN
+
+
+_BLIND = (LOST, NO_ODOMETRY, NOT_SEEN)
+"""Reasons for which a rider who moves on is warned."""
 
 
 class HapticGuide:
@@ -65,7 +107,9 @@ class HapticGuide:
         """
         self._teller = teller
         durations = {symbol: 1e-3 * each.duration_ms for symbol, each in teller.words.patterns.items()}
-        self.leader = StepLeader(body, durations, learner, LiveGround(body, grid, zones), worker)
+        self.leader = StepLeader(body, durations, learner, worker)
+        self._body, self._mapped = body, LiveGround(body, grid, zones)
+        self._unmapped: _ByOdometry | None = None
         self.around = around
         self.session = session
         self.state = HapticState(0)
@@ -74,8 +118,17 @@ class HapticGuide:
         self._level_told = ""
 
     def lead(self, goal: Place) -> None:
-        """Lead the rider to a place from now on."""
-        self.leader.lead(goal)
+        """Lead the rider to a place of the map from now on."""
+        self._unmapped = None
+        self._begin(goal, self._mapped.ask)
+
+    def lead_by_odometry(self, goal: Place) -> None:
+        """Lead the rider to a place in odom from now on, over the ground that the lidar shows: no map is used."""
+        unmapped = self._unmapped = _ByOdometry(SeenGround(self._body))
+        self._begin(goal, lambda: unmapped.ground.ask(goal.pose))
+
+    def _begin(self, goal: Place, ground: AskGround) -> None:
+        self.leader.lead(goal, ground)
         self.state = replace(self.state, goal=goal.name, arrived=False)
 
     def end(self, reason: str = "you have ended it") -> None:
@@ -90,20 +143,29 @@ class HapticGuide:
         """Tell where the chair is and what is round it, at the next tick."""
         self._asked = replace(self._asked, where=True)
 
-    def see(self, scan: Scan, map_from_base: Pose2, twist: Twist) -> None:
-        """Take in a scan; see `LiveGround.see`."""
-        self.leader.ground.see(scan, map_from_base, twist)
+    def see(self, scan: Scan, map_from_base: Pose2 | None, odom_from_base: Pose2, twist: Twist) -> None:
+        """Take in a scan without the beams that hit the chair itself, with the chair's poses and motion at it.
+
+        `map_from_base` is None while the chair does not know where it is.
+        """
+        if map_from_base is not None:
+            self._mapped.see(scan, map_from_base, twist)
+        if self._unmapped is not None and self.leader.goal is not None:
+            self._unmapped.ground.see(scan, odom_from_base, twist)
+            self._unmapped.is_fresh = True
 
     def redraw(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> None:
         """Take another map; the steps are planned anew on it."""
-        self.leader.ground.redraw(grid, zones)
-        self.leader.look_again()
+        self._mapped.redraw(grid, zones)
+        if self._unmapped is None:
+            self.leader.look_again()
 
     def step(self, now: HapticInputs) -> HapticState:
         """Run one tick: decide what holds, say what is due, and return the channels' state."""
         withheld = self._withheld(now)
-        guidance = None if withheld or now.pose is None else self.leader.step(_inputs(now, now.pose))
-        wanted = self._wanted(now, guidance)
+        pose = self._pose(now)
+        guidance = None if withheld or pose is None else self.leader.step(_inputs(now, pose))
+        wanted = self._wanted(now, guidance, withheld)
         again = self._again(now, bool(withheld))
         if again is not None:
             wanted = [again, *(each for each in wanted if each.symbol is Symbol.WARNING)]
@@ -121,9 +183,10 @@ class HapticGuide:
 
     def _withheld(self, now: HapticInputs) -> str:
         """Return why nobody tells the steps now; after a silence they begin from where the chair is."""
-        leader = self.leader
+        leader, unmapped = self.leader, self._unmapped
         if leader.goal is None:
             return ""
+        blind = unmapped.withheld(now) if unmapped is not None else LOST if now.pose is None else ""
         if now.level is HelpLevel.GUARD:
             leader.end("you have chosen the guard alone")
             return ""
@@ -131,9 +194,15 @@ class HapticGuide:
         if silence:
             leader.look_again()
             return silence
-        return LOST if now.pose is None else ""
+        if blind == BEGUN_ANEW:
+            leader.end(BEGUN_ANEW)
+        return blind
 
-    def _wanted(self, now: HapticInputs, guidance: GuideWord | None) -> list[Advice]:
+    def _pose(self, now: HapticInputs) -> Pose2 | None:
+        """Return the pose in the frame of the goal."""
+        return now.pose if self._unmapped is None else now.odom_from_base
+
+    def _wanted(self, now: HapticInputs, guidance: GuideWord | None, withheld: str) -> list[Advice]:
         """Return all advice that holds now."""
         wanted = [] if guidance is None or guidance.advice is None else [guidance.advice]
         signal = None if now.computer_drives else now.signal
@@ -141,15 +210,16 @@ class HapticGuide:
         if from_cells is not None and _moves(now.twist):
             drowns_steps = self.leader.goal is not None and from_cells.symbol is Symbol.OBSTACLE_AT
             wanted += [] if drowns_steps else [from_cells]
-        if self.leader.goal is not None and now.pose is None and _moves(now.twist):
-            wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + 500_000_000, reason=LOST))
+        if withheld in _BLIND and _moves(now.twist):
+            wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + 500_000_000, reason=withheld))
         return [*wanted, *now.others]
 
     def _again(self, now: HapticInputs, withheld: bool) -> Advice | None:
         """Return the advice that the rider wants to have again; None if nobody asks, or there is none."""
-        if not self._asked.again or withheld or now.pose is None:
+        pose = self._pose(now)
+        if not self._asked.again or withheld or pose is None:
             return None
-        return self.leader.again(_inputs(now, now.pose))
+        return self.leader.again(_inputs(now, pose))
 
     def _note(self, told: ToldAdvice, guidance: GuideWord | None, again: Advice | None, now: HapticInputs) -> None:
         """Tell the leader whether its advice has reached the rider."""

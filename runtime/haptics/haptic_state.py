@@ -13,7 +13,8 @@ from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, 
 
 @dataclass(frozen=True, slots=True)
 class HapticInputs:
-    """The chair in a tick. `pose` in map is None while the chair does not know where it is.
+    """The chair in a tick. `pose` in map is None while the chair does not know where it is; `odom_from_base` by wheels and
+    gyro alone is None without odometry.
 
     `level` is the level of help, `level_told` the last sentence about it. `stick` and `guard` are of the board's report,
     None without one. `signal` is that of the behaviour cells. `others` is advice of other programs.
@@ -30,6 +31,7 @@ class HapticInputs:
     signal: Signal | None = None
     computer_drives: bool = False
     others: tuple[Advice, ...] = ()
+    odom_from_base: Pose2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

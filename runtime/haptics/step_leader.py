@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 
@@ -14,13 +14,17 @@ from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import PlanningError
 from waychair.geometry import wrap_angle
+from waychair.planning.grid.costmap import Costmap
 from waychair.planning.steps.step import StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
-from waychair.runtime.haptics.live_ground import LiveGround
 from waychair.types import Goal, Place, Pose2, Twist
 
 REPLANS = 8
 """Plans in a row without a step that was done, after which the rider is no longer led."""
+
+
+AskGround = Callable[[], Callable[[], Costmap]]
+"""Returns the work of making the ground's costmap as it is now, for any one thread."""
 
 
 class StepLeader:
@@ -34,26 +38,28 @@ class StepLeader:
         body: ChairBody,
         durations: Mapping[Symbol, float],
         learner: RiderLearner,
-        ground: LiveGround,
         worker: Executor | None = None,
     ) -> None:
         """`durations` [s] of the patterns."""
         self.learner = learner
-        self.ground = ground
         self.goal: Place | None = None
         self.reason = ""
         self.arrived = False
         self._body, self._durations, self._worker = body, durations, worker
-        self._planner: StepPlanner | None = None
+        self._planned: tuple[StepPlanner, AskGround] | None = None  # the way to the goal, and its ground
         self._plan: StepPlan | None = None
         self._planning: Future[StepPlan] | None = None
         self._memory = self._before = GuideState()
         self._replans = 0
 
-    def lead(self, goal: Place) -> None:
-        """Lead to a place from now on; a plan under way for another one is dropped."""
+    def lead(self, goal: Place, ground: AskGround) -> None:
+        """Lead to a place from now on, over the ground that is asked for at each plan, in the frame of the place and of the poses.
+
+        A plan under way for another place is dropped.
+        """
         self.goal, self.reason, self.arrived = goal, "", False
-        self._planner, self._plan, self._planning = StepPlanner(Goal(goal.pose), goal.pose), None, None
+        self._planned = StepPlanner(Goal(goal.pose), goal.pose), ground
+        self._plan = self._planning = None
         self._memory = self._before = GuideState(number=self._memory.number)
         self._replans = 0
 
@@ -143,8 +149,9 @@ class StepLeader:
         self._ask(pose)
 
     def _ask(self, pose: Pose2) -> None:
-        assert self._planner is not None  # there is a goal
-        planner, costmap = self._planner, self.ground.ask()
+        assert self._planned is not None  # there is a goal
+        planner, ground = self._planned
+        costmap = ground()
 
         def plan() -> StepPlan:
             return planner.replan(costmap(), pose)

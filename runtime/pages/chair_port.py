@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from waychair.control.haptics.next_door import DoorSide
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.pages.perception_view import PerceptionView
@@ -226,6 +227,9 @@ class ChairPort(Protocol):
 
     def lead(self, goal: str) -> PortAnswer:
         """Lead the rider, who drives, to a place by touch and voice."""
+
+    def lead_through(self, side: DoorSide) -> PortAnswer:
+        """Lead the rider, who drives, through the next doorway on a side by touch and voice, without a map."""
 
     def end_lead(self) -> PortAnswer:
         """Lead the rider no longer."""

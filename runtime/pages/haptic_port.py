@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
+from waychair.control.haptics.next_door import DoorSide
 from waychair.runtime.chair import NOBODY_LEADS, Chair
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.pages.chair_port import PortAnswer
@@ -21,6 +22,10 @@ class WithoutHaptics:
         return None
 
     def lead(self, goal: str) -> PortAnswer:
+        """See `ChairPort`."""
+        return PortAnswer(False, NOBODY_LEADS)
+
+    def lead_through(self, side: DoorSide) -> PortAnswer:
         """See `ChairPort`."""
         return PortAnswer(False, NOBODY_LEADS)
 
@@ -67,6 +72,10 @@ class HapticPort(ABC):
             return PortAnswer(True, chair.lead(places[goal]))
 
         return self._request(done)
+
+    def lead_through(self, side: DoorSide) -> PortAnswer:
+        """See `ChairPort`."""
+        return self._request(lambda: PortAnswer(*self._led()[0].lead_through(side)))
 
     def end_lead(self) -> PortAnswer:
         """See `ChairPort`."""

@@ -73,7 +73,7 @@ class SectorsView:
 class DoorwayView:
     """A doorway: its middle x, y [m] and way through `theta` [rad] in base, clear width [m], state, and a sentence.
 
-    `wide_enough` is of this chair.
+    `clear` [m] of the width is seen free. `wide_enough` is of this chair.
     """
 
     number: int
@@ -81,6 +81,7 @@ class DoorwayView:
     y: float
     theta: float
     width: float
+    clear: float
     state: str
     wide_enough: bool
     words: str
@@ -118,6 +119,22 @@ def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Ri
     """Return the facts of a chair's place: its map's places, and the finds of the behaviour cells near it."""
     near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
     return RiderSurroundings(tuple(places.values()), near)
+
+
+def shown_doorways(seen: PerceptionView, odom_from_base: Pose2) -> tuple[Doorway, ...]:
+    """Return the doorways of a view in odom, from the chair's pose at its stamp."""
+    return tuple(
+        Doorway(
+            each.number,
+            odom_from_base @ Pose2(each.x, each.y, each.theta),
+            each.width,
+            each.clear,
+            0.0,
+            DoorState(each.state),
+            validated=DoorState(each.state) is not DoorState.UNKNOWN,
+        )
+        for each in seen.doorways
+    )
 
 
 class WithoutCells:
@@ -265,7 +282,7 @@ def _doorway_view(door: Doorway, odom_from_base: Pose2, body: ChairBody) -> Door
         f"Doorway {door.number}, {away:.1f} m away, {direction_words(bearing)}: {door.state.value}{leaf}, "
         f"{door.width:.2f} m wide to {max(1.0, 100 * door.error):.0f} cm, {room}."
     )
-    return DoorwayView(door.number, at.x, at.y, at.theta, door.width, door.state.value, enough, words)
+    return DoorwayView(door.number, at.x, at.y, at.theta, door.width, door.clear, door.state.value, enough, words)
 
 
 def effect_words(effect: Any) -> str:

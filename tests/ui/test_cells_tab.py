@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 DOORS = (
-    DoorwayView(2, 1.5, 0.2, 0.1, 0.92, "open", True, "Doorway 2: open, wide enough."),
-    DoorwayView(5, 0.0, -2.0, -1.6, 0.70, "closed", False, "Doorway 5: closed."),
+    DoorwayView(2, 1.5, 0.2, 0.1, 0.92, 0.9, "open", True, "Doorway 2: open, wide enough."),
+    DoorwayView(5, 0.0, -2.0, -1.6, 0.70, 0.0, "closed", False, "Doorway 5: closed."),
 )
 AIM = AimView(0.8, 0.0, True, "The camera looks 46 degrees left, level.")
 

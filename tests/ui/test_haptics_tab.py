@@ -12,6 +12,7 @@ import pytest
 from tests.runtime.haptics.guided_rider import room
 from tests.ui.driving import ready_page, until
 from tests.ui.test_menu import LABELS, choose, menu_page
+from waychair.control.haptics.next_door import DoorSide, door_words
 from waychair.firmware_bridge.glove.bridge import GloveReport
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.session_log import SessionLog
@@ -51,6 +52,10 @@ class Telling(DemoPage):
     def lead(self, goal: str) -> PortAnswer:
         self.asked.append(f"lead {goal}")
         return PortAnswer(True, f"You are led to {goal}.")
+
+    def lead_through(self, side: DoorSide) -> PortAnswer:
+        self.asked.append(f"through {side.value}")
+        return PortAnswer(True, f"You are led through {door_words(side)}.")
 
     def say_again(self) -> PortAnswer:
         self.asked.append("again")
@@ -132,8 +137,9 @@ def test_again_where_lead_and_end_are_one_press_each(page: Page, telling: Tellin
     page.click("#haptics-again")
     page.click("#haptics-where")
     page.click("#haptics-places button:text-is('reception')")
+    page.click("#haptics-doors button:text-is('On the left')")
     page.click("#haptics-end")
-    until(lambda: telling.asked == ["again", "where", "lead reception", "end"], f"{telling.asked}")
+    until(lambda: telling.asked == ["again", "where", "lead reception", "through left", "end"], f"{telling.asked}")
 
 
 def test_the_trainers_record_is_off_until_a_press(page: Page, telling: Telling) -> None:
@@ -166,3 +172,13 @@ def test_the_menu_of_one_switch_reaches_again_where_and_the_places(browser: Brow
         until(lambda: "reception" in page.evaluate(LABELS), "the places are not in the menu")
         choose(page, "direct", "reception")
         until(lambda: telling.asked[-1] == "lead reception", f"{telling.asked}")
+
+
+def test_the_menu_of_one_switch_leads_through_the_next_door(browser: Browser, telling: Telling) -> None:
+    telling.state = replace(STATE, goal="")
+    with menu_page(browser, telling, "direct") as page:
+        until(lambda: "Through the next door" in page.evaluate(LABELS), "the menu does not know of doors")
+        choose(page, "direct", "Through the next door")
+        until(lambda: "Ahead" in page.evaluate(LABELS), "the sides are not in the menu")
+        choose(page, "direct", "Ahead")
+        until(lambda: telling.asked == ["through ahead"], f"{telling.asked}")

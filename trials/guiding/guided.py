@@ -8,15 +8,16 @@ guide the board holds it within the chair's caps (state GUARD). Simulated driver
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.next_door import DoorSide, door_words
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.rider import RiderModel
 from waychair.errors import PlanningError
@@ -24,7 +25,8 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.steps.step import StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
-from waychair.runtime.chair import ChairState
+from waychair.runtime.chair import ChairSettings, ChairState
+from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World
@@ -36,7 +38,7 @@ from waychair.trials.drive import DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
 from waychair.trials.ride import RecordingSimulator
-from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place
+from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place, Pose2
 
 UNCAPPED = (1.0, 1.0, 1.0, 1.0)
 """Caps of a stick that the board does not guard."""
@@ -47,7 +49,8 @@ class GuidedSetup:
     """The setting of guided drives: the map, its zones, the chair, the driver, the level, and the device on the skin.
 
     `driver` is a preset's name. `known` is known of the driver before; the drives add to it. With `sees` a rider who sees and
-    has no glove steers along the same steps instead, for comparison. A goal is reached within `near_m`.
+    has no glove steers along the same steps instead, for comparison. A goal is reached within `near_m`. With `finds_doors` the
+    chair looks for doorways.
     """
 
     world: World
@@ -61,6 +64,7 @@ class GuidedSetup:
     known: RiderModel = field(default_factory=RiderModel)
     sees: bool = False
     near_m: float = 0.5
+    finds_doors: bool = False
     simulator: SimulatorSettings | None = None
 
 
@@ -122,7 +126,8 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
     simulator = RecordingSimulator(
         setup.world, setup.body, setup.simulator or randomised_settings(setup.seed), setup.seed
     )
-    drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, zones=setup.zones)
+    chair_settings = ChairSettings(perceive=setup.finds_doors)
+    drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, chair=chair_settings, zones=setup.zones)
     touch = HapticOptions(HapticsProfile(layout=setup.layout, speech=False), driver=setup.driver)
     with (
         haptics_of(None if setup.sees else touch, drive, setup.seed, apart=False) as parts,
@@ -158,12 +163,41 @@ class GuidedTrial:
 
         At the level guard nobody says anything, and a driver who cannot see stands.
         """
+        return self._drive(goal, time_limit_s, lambda: self._ask(goal))
+
+    def drive_by_odometry(self, goal: Place, time_limit_s: float) -> GuidedRecord:
+        """Be led to a place without the map, which is told where it lies from the chair."""
+        odom_from_map = self._map_from_odom().inverse()
+
+        def ask() -> str:
+            self._led.lead_by_odometry(replace(goal, pose=odom_from_map @ goal.pose))
+            return ""
+
+        return self._drive(goal, time_limit_s, ask)
+
+    def drive_through(self, side: DoorSide, time_limit_s: float) -> GuidedRecord:
+        """Be led through the next doorway that the chair sees on a side, without the map."""
+        done, told = self.chair.lead_through(side)
+        goal = self._led.leader.goal if done else None
+        if goal is None:
+            return self._drive(Place(door_words(side), self.simulator.truth()), time_limit_s, lambda: told)
+        return self._drive(replace(goal, pose=self._map_from_odom() @ goal.pose), time_limit_s, lambda: "")
+
+    @property
+    def _led(self) -> HapticGuide:
+        assert self._guide is not None  # a driver who cannot see has one
+        return self._guide
+
+    def _map_from_odom(self) -> Pose2:
+        return self.simulator.truth() @ self.chair.odom_from_base.inverse()
+
+    def _drive(self, goal: Place, time_limit_s: float, ask: Callable[[], str]) -> GuidedRecord:
         simulator, setup = self.simulator, self._setup
         began_ns, contacts = simulator.now_ns, simulator.contacts
         driver = self._helped.parts.driver
         felt = 0 if driver is None else len(driver.felt)
         self._rows, self._told, self._plans = [], [], []
-        arrived, reason = False, self._ask(goal)
+        arrived, reason = False, ask()
         while not reason and simulator.now_ns - began_ns < time_limit_s * 1e9:
             arrived, reason = self._ended(self._tick())
         if self._guide is not None and self._guide.leader.goal is not None:

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.next_door import DoorSide
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.haptics import read_haptic_state
@@ -27,6 +28,7 @@ class HeardHaptics:
         node.listen(topics.HAPTIC_STATE, read_haptic_state, self._take_haptics, needed=False)
         trigger = interface_type("std_srvs/srv/Trigger")
         self._lead = node.create_client(interface_type("waychair_msgs/srv/Lead"), "haptics/lead")
+        self._lead_through = node.create_client(interface_type("waychair_msgs/srv/LeadThrough"), "haptics/lead_through")
         self._rider_asks = {name: node.create_client(trigger, f"haptics/{name}") for name in _ASKS}
 
     def _take_haptics(self, state: HapticState) -> None:
@@ -40,6 +42,10 @@ class HeardHaptics:
     def lead(self, goal: str) -> PortAnswer:
         """See `ChairPort`."""
         return self._call(self._lead, interface_type("waychair_msgs/srv/Lead").Request(place=goal))
+
+    def lead_through(self, side: DoorSide) -> PortAnswer:
+        """See `ChairPort`."""
+        return self._call(self._lead_through, interface_type("waychair_msgs/srv/LeadThrough").Request(side=side.value))
 
     def end_lead(self) -> PortAnswer:
         """See `ChairPort`."""

@@ -8,12 +8,14 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.next_door import DoorSide, next_door, no_door
 from waychair.control.haptics.symbols import Advice
 from waychair.errors import WaychairError
 from waychair.maps.drawn.places import find, load_places
@@ -30,16 +32,18 @@ from waychair.ros.messages.sensors import read_scan
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import LastMessage
 from waychair.ros.nodes.parts.map_layout import MapLayout
-from waychair.runtime.haptics.haptic_guide import HapticGuide
+from waychair.runtime.haptics.haptic_guide import NO_ODOMETRY, HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.teller import Teller
 from waychair.runtime.pages.haptic_port import NOT_LED
-from waychair.runtime.pages.perception_view import surroundings
+from waychair.runtime.pages.perception_view import shown_doorways, surroundings
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
+
+NO_CELLS = "nobody looks for doorways: start the cells node with `perceive:=true`"
 
 NO_MAP = "there is no map yet: wait until the chair's nodes have one"
 
@@ -59,6 +63,14 @@ class _Heard:
         self.guard, self.drive, self.cells = LastMessage(GuardView()), LastMessage(), LastMessage()
 
 
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """Where the rider wants to be led: a place of the map, or one in odom."""
+
+    place: Place
+    on_map: bool
+
+
 class LedRider:
     """Leads the rider of one chair; `guide` says what is due."""
 
@@ -75,10 +87,13 @@ class LedRider:
         self.guide = HapticGuide(calibration.body, teller, learner, _NOWHERE, worker=worker, around=self._around)
         self._node, self._calibration = node, calibration
         self._layout, self._track, self._heard = MapLayout({}, ()), OdometryTrack(), _Heard()
-        self._place: Place | None = None  # waits for the level at which the rider is led
+        self._goal: _Goal | None = None  # waits for the level at which the rider is led
         self._choose = node.create_client(interface_type("waychair_msgs/srv/ChooseLevel"), "choose_level")
         self._listen(scan_frame)
         node.create_service(interface_type("waychair_msgs/srv/Lead"), "haptics/lead", self._answer_lead)
+        node.create_service(
+            interface_type("waychair_msgs/srv/LeadThrough"), "haptics/lead_through", self._answer_lead_through
+        )
         node.serve("haptics/end", self._end)
         node.serve("haptics/say_again", self._say_again)
         node.serve("haptics/say_where", self._say_where)
@@ -88,9 +103,12 @@ class LedRider:
         guard, pose = self._guard(now_ns), self._pose()
         forward, turn = guard.stick
         drive: DriveReport | None = self._fresh(self._heard.drive, now_ns)
-        if self._place is not None and guard.level is not HelpLevel.GUARD:
-            self.guide.lead(self._place)
-            self._place = None
+        if self._goal is not None and guard.level is not HelpLevel.GUARD:
+            goal, self._goal = self._goal, None
+            if goal.on_map:
+                self.guide.lead(goal.place)
+            else:
+                self.guide.lead_by_odometry(goal.place)
         return self.guide.step(
             HapticInputs(
                 now_ns=now_ns,
@@ -102,6 +120,7 @@ class LedRider:
                 guard=None if guard.caps is None else GuardReport(guard.caps),
                 others=tuple(others),
                 computer_drives=drive is not None and drive.driving and not drive.steered,
+                odom_from_base=self._track.odom_from_base(self._node.now_ns()),
             )
         )
 
@@ -163,6 +182,7 @@ class LedRider:
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
+            self._goal = None if self._goal is None or not self._goal.on_map else self._goal
             self._heard.located = None  # the odometry restarted, so the old localisation is void
 
     def _take_scan(self, scan: Scan) -> None:
@@ -175,11 +195,18 @@ class LedRider:
             self._see()
 
     def _see(self) -> None:
-        """Pass a scan on once its localisation has come."""
+        """Pass a scan on once its localisation has come; where nobody localises, at once."""
         scan, located = self._heard.scan, self._heard.located
-        if scan is not None and located is not None and scan.stamp_ns == located[0]:
-            self._heard.scan = None
-            self.guide.see(self._calibration.masked(scan), located[1].map_from_base, self._track.twist)
+        if scan is None:
+            return
+        located = None if located is None or SCAN_RATE.is_stale(located[0], scan.stamp_ns) else located
+        odom_from_base = self._track.odom_from_base(scan.stamp_ns)
+        if odom_from_base is None or (located is not None and located[0] != scan.stamp_ns):
+            return
+        self._heard.scan = None
+        is_known = located is not None and located[1].state is not LocalisationState.LOST
+        map_from_base = located[1].map_from_base if located is not None and is_known else None
+        self.guide.see(self._calibration.masked(scan), map_from_base, odom_from_base, self._track.twist)
 
     def _pose(self) -> Pose2 | None:
         """Return the chair's pose now; None while it is lost, or nobody tells."""
@@ -201,7 +228,7 @@ class LedRider:
         return surroundings(self._layout.places, self._fresh(self._heard.cells, time.monotonic_ns()))
 
     def _stop(self) -> None:
-        self._place = None
+        self._goal = None
         self.guide.end("Stop was pressed")
 
     def _answer_lead(self, request: Any, response: Any) -> Any:
@@ -209,23 +236,47 @@ class LedRider:
         return response
 
     def _lead(self, name: str) -> tuple[bool, str]:
-        """Lead the rider to a place; a rider who is guarded is guided from now on."""
+        """Lead the rider to a place of the map."""
         if self._layout.grid is None:
             return False, NO_MAP
         try:
             place = find(self._layout.places, name)
         except WaychairError as error:
             return False, str(error)
+        self._begin(_Goal(place, on_map=True))
+        return True, f"You are led to {name}."
+
+    def _answer_lead_through(self, request: Any, response: Any) -> Any:
+        response.success, response.message = self._lead_through(str(request.side))
+        return response
+
+    def _lead_through(self, name: str) -> tuple[bool, str]:
+        """Lead the rider through the next doorway that the cells have found on a side."""
+        if name not in [side.value for side in DoorSide]:
+            return False, f"there is no side '{name}': take left, ahead or right"
+        side, seen = DoorSide(name), self._fresh(self._heard.cells, time.monotonic_ns())
+        if seen is None:
+            return False, NO_CELLS
+        then, now = self._track.odom_from_base(seen.stamp_ns), self._track.odom_from_base(self._node.now_ns())
+        if then is None or now is None:
+            return False, NO_ODOMETRY
+        place = next_door(shown_doorways(seen, then), now, side, self._calibration.body)
+        if place is None:
+            return False, no_door(side)
+        self._begin(_Goal(place, on_map=False))
+        return True, f"You are led through {place.name}."
+
+    def _begin(self, goal: _Goal) -> None:
+        """Lead from the level of help on at which a rider is led; one who is guarded is guided from now on."""
         if self._guard(time.monotonic_ns()).level is HelpLevel.GUARD:
             kind = interface_type("waychair_msgs/srv/ChooseLevel")
             self._choose.call_async(kind.Request(level=HelpLevel.GUIDE.value))
-        self._place = place
-        return True, f"You are led to {name}."
+        self._goal = goal
 
     def _end(self) -> tuple[bool, str]:
-        if self.guide.leader.goal is None and self._place is None:
+        if self.guide.leader.goal is None and self._goal is None:
             return False, NOT_LED
-        self._place = None
+        self._goal = None
         self.guide.end()
         return True, "you are no longer led"
 

@@ -9,17 +9,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from tests.ros.realtime import ALONE
 from tests.runtime.haptics.guided_rider import DESK, START, room
+from waychair.control.haptics.next_door import DoorSide, no_door
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import MessageError
 from waychair.firmware_bridge.glove.program import LiveGlove, glove_program
 from waychair.maps.drawn.places import save_places
-from waychair.recordings.bags.ros_messages import ODOM_FRAME, odometry
+from waychair.recordings.bags.ros_messages import ODOM_FRAME, laser_scan, odometry
 from waychair.ros import topics
-from waychair.ros.messages.cells import signal
+from waychair.ros.messages.cells import perception, signal
 from waychair.ros.messages.chair import localisation
 from waychair.ros.messages.floor import Floor, floor
 from waychair.ros.messages.guard import guard_message
@@ -28,9 +30,10 @@ from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.stack import Stack, processes
 from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.pages.perception_view import DoorwayView, PerceptionView, SectorsView
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
-from waychair.types import HelpLevel, Pose2, Twist
+from waychair.types import HelpLevel, Pose2, Scan, Twist
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -150,6 +153,51 @@ def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harn
             return levels == {7, 4, 1} and any(
                 (each.goal, each.symbol, each.step, each.unfelt) == ("desk", "forward", "straight 4.0 m", "")
                 for each in states
+            )
+
+        ros.spin_until(led, "the first step", stand)
+
+
+@ALONE
+def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> None:
+    from waychair.ros.interface_types import interface_type
+    from waychair.ros.nodes.glove_node import GloveNode
+    from waychair.ros.nodes.parts.led_rider import NO_CELLS
+
+    heard = ros.heard(topics.HAPTIC_STATE)
+    ahead = DoorwayView(1, 3.0, 0.0, 0.0, 0.9, 0.9, "open", True, "Doorway 1: open, wide enough.")
+    with felt_glove() as (port, levels), ros.serving(GloveNode(["--ros-args", "-p", f"port:={port}"])):
+        moved, seen, told_cells = (ros.publisher(each) for each in (topics.ODOMETRY, topics.SCAN, topics.PERCEPTION))
+        told_guard, perceives = ros.publisher(topics.GUARD), False
+
+        def stand() -> None:
+            now_ns = ros.node.get_clock().now().nanoseconds
+            told_guard(guard_message(now_ns, GuardView(HelpLevel.GUIDE)))
+            moved(odometry(now_ns, ODOM_FRAME, START, Twist()))
+            seen(laser_scan(Scan(now_ns, np.full(720, 4.5, np.float32), -math.pi, math.tau / 720, range_max=10.0)))
+            if perceives:
+                view = PerceptionView(now_ns, "", (), (), SectorsView(8, (), True, ""), (ahead,))
+                told_cells(perception(view))
+
+        kind = interface_type("waychair_msgs/srv/LeadThrough")
+        client = ros.node.create_client(kind, "haptics/lead_through")
+        ros.spin_until(client.service_is_ready, "haptics/lead_through")
+
+        def answer(side: str) -> tuple[bool, str]:
+            future = client.call_async(kind.Request(side=side))
+            ros.spin_until(future.done, "an answer", stand)
+            return future.result().success, future.result().message
+
+        assert answer("up") == (False, "there is no side 'up': take left, ahead or right")
+        assert answer("ahead") == (False, NO_CELLS)
+        perceives = True
+        ros.spin_until(lambda: answer("left") == (False, no_door(DoorSide.LEFT)), "the doorways")
+        assert answer("ahead") == (True, "You are led through the door ahead.")
+
+        def led() -> bool:
+            states = [read_haptic_state(each) for each in heard]
+            return levels == {7, 4, 1} and any(
+                (each.goal, each.symbol, each.unfelt) == ("the door ahead", "forward", "") for each in states
             )
 
         ros.spin_until(led, "the first step", stand)

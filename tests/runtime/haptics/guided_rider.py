@@ -47,6 +47,7 @@ class GuidedRider:
         self.guide = HapticGuide(CHAIR_A, Teller(profile, bridge, self.sounds), RiderLearner(), room())
         self.inputs = GloveInputs()
         self.pose: Pose2 | None = START
+        self.odom_from_base: Pose2 | None = None
         self.twist = Twist()
         self.level, self.level_told = HelpLevel.GUIDE, ""
         self.signal: Signal | None = None
@@ -68,14 +69,20 @@ class GuidedRider:
         """Let time pass; return the last state."""
         for _ in range(ms // TICK_MS):
             now = HapticInputs(
-                self.now_ms * 1_000_000, self.pose, self.twist, self.level, self.level_told, signal=self.signal
+                self.now_ms * 1_000_000,
+                self.pose,
+                self.twist,
+                self.level,
+                self.level_told,
+                signal=self.signal,
+                odom_from_base=self.odom_from_base,
             )
             self.states.append(self.guide.step(now))
             self.now_ms += TICK_MS
             self.levels = np.concatenate([self.levels, self.glove.step(self.now_ms, self.inputs).levels])
-            if self.pose is not None:
-                moved = Pose2(self.twist.v * TICK_MS / 1000, 0.0, self.twist.omega * TICK_MS / 1000)
-                self.pose = self.pose @ moved
+            moved = Pose2(self.twist.v * TICK_MS / 1000, 0.0, self.twist.omega * TICK_MS / 1000)
+            self.pose = None if self.pose is None else self.pose @ moved
+            self.odom_from_base = None if self.odom_from_base is None else self.odom_from_base @ moved
         return self.states[-1]
 
     def press(self) -> None:

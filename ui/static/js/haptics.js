@@ -125,6 +125,10 @@ on("state", (state) => state !== "open" && (heard = null)); // another program c
 export const sayStep = () => say(ask("say_again"));
 export const sayWhere = () => say(ask("say_where"));
 
+/** Asks to be led through the next door on a side: left, ahead or right. */
+export const leadThrough = (side) => void say(ask("lead_through", { side }));
+
+for (const button of $("haptics-doors").children) button.addEventListener("click", () => leadThrough(button.dataset.side));
 $("haptics-again").addEventListener("click", sayStep);
 $("haptics-where").addEventListener("click", sayWhere);
 $("haptics-end").addEventListener("click", () => say(ask("end_lead")));

@@ -1,0 +1,119 @@
+"""A rider is led where no map leads: by what the lidar shows and how far the chair drives, and never without either."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.runtime.haptics.guided_rider import TICK_MS, GuidedRider, room
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.grid.cells import cells_from_points
+from waychair.planning.grid.costmap import Costmap
+from waychair.runtime.haptics.haptic_guide import BEGUN_ANEW, NO_ODOMETRY, NOT_SEEN
+from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.haptics.seen_ground import SeenGround
+from waychair.types import Place, Pose2, Scan, Twist
+
+AT = Pose2(10.0, -3.0, math.pi / 2)
+"""The chair in odom at the start."""
+
+BEHIND_THE_DOOR = Place("the door ahead", AT @ Pose2(4.0, 0.0, 0.0), 0.5, 0.5)
+WALL = 2.0
+"""m before the lidar."""
+
+
+def scan(stamp_ns: int, wall: bool = False) -> Scan:
+    """A scan of a hall of 4.5 m radius, with or without a wall across the way."""
+    angles = np.linspace(-2.3, 2.3, 461)
+    ranges = np.full(len(angles), 4.5)
+    ahead = np.abs(angles) < 1.0
+    ranges[ahead] = np.minimum(ranges[ahead], WALL / np.cos(angles[ahead])) if wall else ranges[ahead]
+    return Scan(stamp_ns, ranges.astype(np.float32), float(angles[0]), float(angles[1] - angles[0]), range_max=10.0)
+
+
+@pytest.fixture
+def rider() -> Iterator[GuidedRider]:
+    """A rider whose chair has no pose on its map."""
+    with GuidedRider() as led:
+        led.pose, led.odom_from_base = None, AT
+        yield led
+
+
+def run(rider: GuidedRider, ms: int) -> HapticState:
+    """Let time pass with a scan in each tick."""
+    for _ in range(ms // TICK_MS):
+        assert rider.odom_from_base is not None
+        rider.guide.see(scan(rider.now_ms * 1_000_000), None, rider.odom_from_base, rider.twist)
+        rider.run(TICK_MS)
+    return rider.states[-1]
+
+
+def test_a_chair_that_is_lost_leads_to_a_place_in_odom(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    state = run(rider, 1000)
+    assert (state.goal, state.symbol, state.withheld) == ("the door ahead", "forward", "")
+    assert state.step == "straight 4.0 m"
+    rider.twist = Twist(0.5, 0.0)
+    run(rider, 7000)
+    rider.twist = Twist()
+    state = run(rider, 1500)
+    assert (state.arrived, state.goal) == (True, "")
+
+
+def test_nobody_is_led_before_the_first_scan_nor_after_the_last(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    state = rider.run(1000)
+    assert (state.withheld, state.count) == (NOT_SEEN, 0)
+    assert run(rider, 1000).symbol == "forward"
+    rider.twist = Twist(0.3, 0.0)
+    state = rider.run(1500)
+    assert (state.withheld, state.symbol) == (NOT_SEEN, "warning")
+    assert state.goal == "the door ahead"  # it goes on with the lidar
+
+
+def test_a_chair_without_odometry_warns_a_rider_who_drives_on(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    run(rider, 1000)
+    rider.odom_from_base, rider.twist = None, Twist(0.3, 0.0)
+    state = rider.run(1000)
+    assert (state.withheld, state.symbol) == (NO_ODOMETRY, "warning")
+
+
+def test_odometry_that_begins_anew_ends_it(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    run(rider, 1000)
+    rider.odom_from_base = Pose2()
+    state = run(rider, 100)
+    assert (state.goal, state.reason, state.text) == ("", BEGUN_ANEW, f"You are no longer led: {BEGUN_ANEW}.")
+
+
+def test_another_map_does_not_touch_a_way_by_odometry(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    run(rider, 1000)
+    before = rider.guide.leader.plan
+    rider.guide.redraw(room(), ())
+    assert rider.guide.leader.plan is before
+
+
+def solid(costmap: Costmap, x: float, y: float) -> bool:
+    """Whether a point [m] in the chair's frame at the start is occupied."""
+    ((row, col),) = cells_from_points(costmap.grid, np.array([[(AT @ Pose2(x, y)).x, (AT @ Pose2(x, y)).y]]))
+    return bool(costmap.grid.cells[row, col] > 50)
+
+
+def test_what_was_seen_is_kept_and_what_was_not_is_free() -> None:
+    ground = SeenGround(CHAIR_A)
+    assert not ground.is_seen
+    with pytest.raises(RuntimeError, match="no scan has come yet"):
+        ground.ask(BEHIND_THE_DOOR.pose)
+    for k in range(3):
+        ground.see(scan(k * 100_000_000, wall=True), AT, Twist())
+    laser = CHAIR_A.base_from_laser.x
+    costmap = ground.ask(AT @ Pose2(12.0, 0.0, 0.0))()
+    assert solid(costmap, laser + WALL, 0.0)
+    assert not solid(costmap, laser + 1.0, 0.0)
+    assert not solid(costmap, laser + WALL + 1.0, 0.0)  # behind the wall
+    assert not solid(costmap, 12.0, 0.0)  # the goal lies within the grid
