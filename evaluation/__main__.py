@@ -48,6 +48,7 @@ from evaluation.figures.guiding import (
     blind_hazards,
     blind_people,
     blind_places,
+    blind_unmapped,
     skin,
 )
 from evaluation.figures.mapping import (
@@ -172,6 +173,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "blind_places": blind_places.blind_places,
     "blind_people": blind_people.blind_people,
     "blind_clutter": blind_clutter.blind_clutter,
+    "blind_unmapped": blind_unmapped.blind_unmapped,
     "blind_errands": blind_errands.blind_errands,
     "reacts": monitor.reacts,
     "ride": hazards.ride,

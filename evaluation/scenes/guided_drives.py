@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def guided_runs(
         for goal in goals:
             if trial.simulator.now_ns * 1e-9 >= until_s:
                 break
-            found.append(_run(trial, setup, goal, time_limit_s))
+            found.append(judged_run(trial, setup, partial(trial.drive_to, goal, time_limit_s), _arrived_s))
     return tuple(found)
 
 
@@ -134,15 +135,26 @@ def _within(row: Mapping[str, Json], bars: GuidedBars) -> bool:
     return True
 
 
-def _run(trial: GuidedTrial, setup: GuidedSetup, goal: Place, time_limit_s: float) -> GuidedRun:
+def _arrived_s(record: GuidedRecord) -> float | None:
+    return record.seconds if record.reached else None
+
+
+def judged_run(
+    trial: GuidedTrial,
+    setup: GuidedSetup,
+    drive: Callable[[], GuidedRecord],
+    done_s: Callable[[GuidedRecord], float | None],
+) -> GuidedRun:
+    """Let a trial drive, and return the run; `done_s` tells after what time [s] its aim was reached, None: never."""
     simulator, began_ns = trial.simulator, trial.simulator.now_ns
     contacts = simulator.contacts
-    record: GuidedRecord = trial.drive_to(goal, time_limit_s)
+    record = drive()
+    seconds = done_s(record)
     speeds, bumped = _contacts(simulator, setup, contacts)
     return GuidedRun(
-        reached=record.reached,
+        reached=seconds is not None,
         reason=record.reason,
-        seconds=record.seconds,
+        seconds=record.seconds if seconds is None else seconds,
         distance_m=record.distance_m,
         planned_m=record.planned_m,
         contact_speeds=speeds,

@@ -7,6 +7,7 @@ both sides. Clearances are between cell centres, so half a cell's diagonal is ad
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap
+from waychair.planning.steps.step import Step, StepKind
 from waychair.types import FloatArray, Pose2
 
 SPIN_ROOM = 0.04
@@ -73,6 +75,17 @@ class ClearGround:
         c, s = math.cos(start.theta), math.sin(start.theta)
         poses = np.column_stack([start.x + c * on, start.y + s * on, np.full(count, start.theta)])
         return bool(fits_each(self.costmap.body, margin, self.costmap.field, poses).all())
+
+    def is_free_from(self, steps: Sequence[Step], pose: Pose2) -> bool:
+        """Return whether the outline drives the straight legs of `steps`, from the chair's pose on the first of them."""
+        for number, step in enumerate(steps):
+            if step.kind not in (StepKind.STRAIGHT, StepKind.BACK):
+                continue
+            ahead = 1.0 if step.kind is StepKind.STRAIGHT else -1.0
+            done = min(max(ahead * (step.start.inverse() @ pose).x, 0.0), step.length) if number == 0 else 0.0
+            if not self.straight_is_free(step.start @ Pose2(ahead * done), ahead * (step.length - done), 0.0):
+                return False
+        return True
 
     def turn_is_free(self, at: Pose2, heading: float) -> float | None:
         """Return the turn [rad] from a pose to a heading through which the outline is free: the shorter one first.

@@ -22,7 +22,7 @@ from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Rid
 from waychair.runtime.haptics.live_ground import LiveGround
 from waychair.runtime.haptics.seen_ground import SeenGround
 from waychair.runtime.haptics.session_log import SessionCounter
-from waychair.runtime.haptics.step_leader import AskGround, StepLeader
+from waychair.runtime.haptics.step_leader import StepLeader
 from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, ToldAdvice
 from waychair.runtime.haptics.where import where_words
 from waychair.types import HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
@@ -120,15 +120,16 @@ class HapticGuide:
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
         self._unmapped = None
-        self._begin(goal, self._mapped.ask)
+        self.leader.lead(goal, self._mapped.ask)
+        self._begun(goal)
 
     def lead_by_odometry(self, goal: Place) -> None:
         """Lead the rider to a place in odom from now on, over the ground that the lidar shows: no map is used."""
         unmapped = self._unmapped = _ByOdometry(SeenGround(self._body))
-        self._begin(goal, lambda: unmapped.ground.ask(goal.pose))
+        self.leader.lead(goal, lambda: unmapped.ground.ask(goal.pose), grows=True)
+        self._begun(goal)
 
-    def _begin(self, goal: Place, ground: AskGround) -> None:
-        self.leader.lead(goal, ground)
+    def _begun(self, goal: Place) -> None:
         self.state = replace(self.state, goal=goal.name, arrived=False)
 
     def end(self, reason: str = "you have ended it") -> None:

@@ -15,6 +15,7 @@ from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import PlanningError
 from waychair.geometry import wrap_angle
 from waychair.planning.grid.costmap import Costmap
+from waychair.planning.steps.clear_ground import ClearGround
 from waychair.planning.steps.step import StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.types import Goal, Place, Pose2, Twist
@@ -25,6 +26,10 @@ REPLANS = 8
 
 AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
+
+
+LOOK_NS = 1_000_000_000
+"""ns between two looks at the steps on ground that grows."""
 
 
 class StepLeader:
@@ -51,12 +56,15 @@ class StepLeader:
         self._planning: Future[StepPlan] | None = None
         self._memory = self._before = GuideState()
         self._replans = 0
+        self._grows, self._looked_ns = False, 0
 
-    def lead(self, goal: Place, ground: AskGround) -> None:
+    def lead(self, goal: Place, ground: AskGround, *, grows: bool = False) -> None:
         """Lead to a place from now on, over the ground that is asked for at each plan, in the frame of the place and of the poses.
 
-        A plan under way for another place is dropped.
+        Where the ground `grows` with what is seen, the steps are looked at again as they go on. A plan under way for another
+        place is dropped.
         """
+        self._grows = grows
         self.goal, self.reason, self.arrived = goal, "", False
         self._planned = StepPlanner(Goal(goal.pose), goal.pose), ground
         self._plan = self._planning = None
@@ -79,6 +87,9 @@ class StepLeader:
             return None
         if self._plan is None and self._planning is None:
             self._ask(now.pose)
+        elif self._planning is None and self._grows and now.now_ns - self._looked_ns > LOOK_NS:
+            self._looked_ns = now.now_ns
+            self._look(now.pose)
         self._take_plan()
         if self._plan is None:
             return None
@@ -148,13 +159,22 @@ class StepLeader:
             return
         self._ask(pose)
 
-    def _ask(self, pose: Pose2) -> None:
+    def _look(self, pose: Pose2) -> None:
+        """Ask for other steps if the way of those ahead is no longer free."""
+        present = self._plan
+        assert present is not None
+        ahead = present.steps[max(self._memory.step, 0) :]
+        self._ask(pose, lambda costmap: present if ClearGround(costmap).is_free_from(ahead, pose) else None)
+
+    def _ask(self, pose: Pose2, or_else: Callable[[Costmap], StepPlan | None] = lambda _: None) -> None:
+        """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
         planner, ground = self._planned
-        costmap = ground()
+        work = ground()
 
         def plan() -> StepPlan:
-            return planner.replan(costmap(), pose)
+            costmap = work()
+            return or_else(costmap) or planner.replan(costmap, pose)
 
         if self._worker is not None:
             self._planning = self._worker.submit(plan)
@@ -170,12 +190,14 @@ class StepLeader:
             return
         planning, self._planning = self._planning, None
         try:
-            self._plan = planning.result()
+            plan = planning.result()
         except PlanningError as error:
             if self._plan is None:
                 self.end(str(error))
             else:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
-        memory = self._memory
+        if plan is self._plan:
+            return  # it was looked at, and is good still
+        memory, self._plan = self._memory, plan
         self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

@@ -29,7 +29,7 @@ def scan(stamp_ns: int, wall: bool = False) -> Scan:
     """A scan of a hall of 4.5 m radius, with or without a wall across the way."""
     angles = np.linspace(-2.3, 2.3, 461)
     ranges = np.full(len(angles), 4.5)
-    ahead = np.abs(angles) < 1.0
+    ahead = np.abs(angles) < 0.5
     ranges[ahead] = np.minimum(ranges[ahead], WALL / np.cos(angles[ahead])) if wall else ranges[ahead]
     return Scan(stamp_ns, ranges.astype(np.float32), float(angles[0]), float(angles[1] - angles[0]), range_max=10.0)
 
@@ -96,6 +96,21 @@ def test_another_map_does_not_touch_a_way_by_odometry(rider: GuidedRider) -> Non
     before = rider.guide.leader.plan
     rider.guide.redraw(room(), ())
     assert rider.guide.leader.plan is before
+
+
+def test_steps_whose_way_turns_out_to_be_shut_are_made_anew(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    run(rider, 1000)
+    before = rider.guide.leader.plan
+    run(rider, 2000)
+    assert rider.guide.leader.plan is before  # it was looked at, and is good still
+    for _ in range(40):
+        rider.guide.see(scan(rider.now_ms * 1_000_000, wall=True), None, AT, Twist())
+        rider.run(TICK_MS)
+    after = rider.guide.leader.plan
+    assert after is not None
+    assert after is not before
+    assert len(after.steps) > 2  # round the wall
 
 
 def solid(costmap: Costmap, x: float, y: float) -> bool:

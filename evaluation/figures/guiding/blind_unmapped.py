@@ -1,0 +1,123 @@
+"""Ways without a map: simulated drivers are led by odometry and the chair's scans out of dead ends, and through the next door.
+
+`BLIND_UNMAPPED_RUNS=8` takes so many dead ends and doors instead of 50 and 100.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from evaluation.runs.kept_runs import over_seeds
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, judged_run
+from evaluation.scenes.tight_places import APPROACHES, WALL, door_scene
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.haptics.next_door import DoorSide
+from waychair.geometry import wrap_angle
+from waychair.maps.grid.distance_field import distance_field
+from waychair.planning.body.footprint import fits
+from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
+from waychair.simulation.plan.world import World, world_from_plan
+from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, guided_trial
+from waychair.types import Json, OccupancyGrid, Place, Pose2
+
+DEAD_ENDS, DOORS = (int(os.environ.get("BLIND_UNMAPPED_RUNS", count)) for count in ("50", "100"))
+
+OUT_S, DOOR_S, GO_ON_S = 60.0, 180.0, 40.0
+"""s; limits."""
+
+NO_MAP = OccupancyGrid(np.full((100, 100), -1, np.int8), 0.05)
+"""The map of a chair that has none: nothing is known of its cells."""
+
+EDGE, LONG, WIDE, END = 0.2, 7.5, 7.0, 4.8
+"""m: free space round a hall, its sides, and how far the dead end's end is from the hall's."""
+
+DEEP, BROAD = (1.2, 3.0), (0.9, 2.4)
+"""m; a dead end's sizes: in the narrow ones the chair cannot turn."""
+
+NEARER = 0.7
+"""m that a driver first goes on, because a doorway is not found from one place."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeadEnd:
+    """A dead end in a hall: the world, the goal across its end, and the x [m] of its mouth."""
+
+    world: World
+    goal: Place
+    mouth: float
+
+
+def blind_unmapped(out: Path) -> Json:
+    """Drivers who are out of dead ends in time, and through the next door; and contacts."""
+    rows = [
+        guided_row(
+            "dead end", "without a map", over_seeds("blind dead end", out_of_dead_end, DEAD_ENDS), GuidedBars(0.9)
+        ),
+        guided_row(
+            "next door", "without a map", over_seeds("blind next door", through_next_door, DOORS), GuidedBars(0.95)
+        ),
+    ]
+    return {"passed": all(row["passed"] for row in rows), "rows": rows}
+
+
+def out_of_dead_end(seed: int) -> GuidedRun:
+    """Lead a driver towards a place across the end of a dead end; it has ended once the chair's middle is out of the mouth."""
+    scene = dead_end(seed)
+    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=seed)
+
+    def out_s(record: GuidedRecord) -> float | None:
+        middle = record.truth[:, 0] + (CHAIR_A.front - CHAIR_A.rear) / 2 * np.cos(record.truth[:, 2])
+        out = np.flatnonzero(middle < scene.mouth)
+        return float(record.times_s[out[0]] - record.times_s[0]) if len(out) else None
+
+    with guided_trial(setup) as trial:
+        return judged_run(trial, setup, lambda: trial.drive_by_odometry(scene.goal, OUT_S), out_s)
+
+
+def dead_end(seed: int) -> DeadEnd:
+    """Return a dead end whose end the chair faces, from 0.1 to 0.5 m before it."""
+    rng = np.random.default_rng(seed)
+    end = EDGE + END
+    while True:
+        depth, width = float(rng.uniform(*DEEP)), float(rng.uniform(*BROAD))
+        middle = EDGE + WIDE / 2 + float(rng.uniform(-0.8, 0.8))
+        aside = float(rng.uniform(-0.5, 0.5)) * max(width - CHAIR_A.width, 0.0)
+        start = Pose2(end - CHAIR_A.front - float(rng.uniform(0.1, 0.5)), middle + aside, float(rng.uniform(-0.4, 0.4)))
+        low, high, mouth = middle - width / 2, middle + width / 2, end - depth
+        world = _hall([(mouth, low), (end, low), (end, high), (mouth, high)], start)
+        if fits(CHAIR_A, 0.05, distance_field(world.grid), start):
+            return DeadEnd(world, Place("beacon", Pose2(end + 1.4, middle, 0.0), 0.5, math.pi), mouth)
+
+
+def through_next_door(seed: int) -> GuidedRun:
+    """Let a driver go on a little, and lead them through the next door; the whole chair has to come to a stop behind it."""
+    scene = door_scene(0.9, APPROACHES[seed % len(APPROACHES)], CHAIR_A, seed)
+    assert scene.door is not None
+    behind = scene.door.x + WALL / 2 + CHAIR_A.rear
+    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=seed, finds_doors=True)
+
+    def through_s(record: GuidedRecord) -> float | None:
+        return record.seconds if record.truth[-1, 0] > behind else None
+
+    with guided_trial(setup) as trial:
+        trial.drive_by_odometry(Place("on", scene.world.start @ Pose2(NEARER), 0.5, math.pi), GO_ON_S)
+        turned = wrap_angle(trial.simulator.truth().theta)
+        side = DoorSide.AHEAD if abs(turned) <= math.pi / 4 else DoorSide.LEFT if turned < 0.0 else DoorSide.RIGHT
+        return judged_run(trial, setup, lambda: trial.drive_through(side, DOOR_S), through_s)
+
+
+def _hall(dead_end_line: Sequence[tuple[float, float]], start: Pose2) -> World:
+    low, right, high = EDGE, EDGE + LONG, EDGE + WIDE
+    outline = [(low, low), (right, low), (right, high), (low, high), (low, low)]
+    walls = [PlanWall(start=a, end=b) for line in (outline, dead_end_line) for a, b in pairwise(line)]
+    size = LONG + 2.0 * EDGE, WIDE + 2.0 * EDGE
+    return world_from_plan(
+        FloorPlan(name="dead_end", size=size, start=(start.x, start.y, start.theta), walls=walls), "dead_end"
+    )
