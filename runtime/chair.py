@@ -58,6 +58,7 @@ from waychair.types import (
 
 __all__ = [
     "NOBODY_LEADS",
+    "NO_DOORWAYS",
     "Chair",
     "ChairSettings",
     "ChairState",

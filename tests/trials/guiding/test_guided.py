@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
+from evaluation.figures.guiding.blind_unmapped import NO_MAP
 from evaluation.scenes.tight_places import door_scene, map_of
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.trials.guiding.guided import GuidedSetup, guided_drive
+from waychair.control.haptics.next_door import DoorSide, no_door
+from waychair.trials.guiding.guided import GuidedSetup, guided_drive, guided_trial
 from waychair.trials.guiding.guided_report import report, save_report
-from waychair.types import HelpLevel
+from waychair.types import HelpLevel, Place, Pose2
+
+
+@pytest.mark.nightly
+def test_a_driver_is_led_through_the_next_door_without_a_map() -> None:
+    scene = door_scene(0.9, 60.0, CHAIR_A, 6)
+    assert scene.door is not None
+    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=6, finds_doors=True)
+    with guided_trial(setup) as trial:
+        found = trial.drive_through(DoorSide.LEFT, 180.0)
+        assert found.reason == no_door(DoorSide.LEFT)  # none is found from one place
+        trial.drive_by_odometry(Place("on", scene.world.start @ Pose2(0.7), 0.5, math.pi), 40.0)
+        record = trial.drive_through(DoorSide.LEFT, 180.0)
+    assert record.reason == "arrived"
+    assert record.truth[-1, 0] - CHAIR_A.rear > scene.door.x
+    assert record.contact_speeds == ()
 
 
 @pytest.mark.nightly

@@ -13,10 +13,13 @@ import pytest
 from tests.runtime.riding import LIDAR, coarse_arcs, hall
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.haptics.next_door import DoorSide, no_door
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import ConfigError
-from waychair.runtime.chair import Chair, ChairState
+from waychair.planning.seen.doorways import DoorState, Doorway
+from waychair.runtime.chair import NO_DOORWAYS, Chair, ChairState
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
+from waychair.runtime.perception import Perception
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair
 from waychair.trials.guiding.blind_route import blind_drive, waypoints
@@ -124,6 +127,21 @@ def test_who_is_guarded_and_asks_to_be_led_is_guided(led: Led) -> None:
     led.chair.choose_level(HelpLevel.GUARD)
     led.chair.lead(DESK)
     assert led.chair.level is HelpLevel.GUIDE
+
+
+def test_a_rider_is_led_through_a_door_that_the_cells_have_found(led: Led, monkeypatch: pytest.MonkeyPatch) -> None:
+    led.chair.choose_level(HelpLevel.GUARD)
+    led.tick(50)
+    assert led.chair.lead_through(DoorSide.AHEAD) == (False, NO_DOORWAYS)
+    led.chair._perception = Perception(CHAIR_A)
+    led.tick(4)
+    assert led.chair.lead_through(DoorSide.AHEAD) == (False, no_door(DoorSide.AHEAD))
+    found = Doorway(1, led.chair.odom_from_base @ Pose2(2.0), 0.9, 0.9, 0.02, DoorState.OPEN)
+    monkeypatch.setattr(Perception, "doorways", (found,))
+    assert led.chair.lead_through(DoorSide.AHEAD) == (True, "You are led through the door ahead.")
+    haptics = led.tick(50).haptics
+    assert haptics is not None
+    assert (haptics.level, haptics.goal, haptics.symbol) == (HelpLevel.GUIDE, "the door ahead", "forward")
 
 
 def test_an_unknown_driver_is_refused() -> None:
