@@ -18,7 +18,7 @@ from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
 from waychair.control.drive.navigator import Navigator
 from waychair.control.haptics.guidance import StickHold
-from waychair.control.haptics.next_door import DoorSide, next_door, no_door
+from waychair.control.haptics.next_door import NO_DOORWAYS, DoorSide, next_door, no_door
 from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
 from waychair.firmware_bridge.bridge import Bridge
@@ -42,7 +42,6 @@ from waychair.slam.localising.localiser import (
     LocaliserSettings,
     prepared_map,
 )
-from waychair.topics import ODOMETRY
 from waychair.types import (
     Goal,
     HelpLevel,
@@ -58,7 +57,6 @@ from waychair.types import (
 
 __all__ = [
     "NOBODY_LEADS",
-    "NO_DOORWAYS",
     "Chair",
     "ChairSettings",
     "ChairState",
@@ -67,8 +65,6 @@ __all__ = [
     "Watchers",
     "perceive_field",
 ]
-
-NO_DOORWAYS = "this chair does not look for doorways: start it with the setting `perceive`"
 
 NOBODY_LEADS = "this chair has no glove and no voice to lead you by: start it with a rider's file (--haptics)"
 
@@ -430,8 +426,7 @@ class Chair:
 
     def _haptic_inputs(self, state: ChairState) -> HapticInputs:
         """Return a tick's facts for the guide of a rider without sight."""
-        found, telemetry, motion = state.localisation, state.telemetry, self._base.motion
-        gone = motion.odometry is None or ODOMETRY.is_stale(motion.odometry.stamp_ns, state.stamp_ns)
+        found, telemetry = state.localisation, state.telemetry
         knows = found is not None and found.state is not LocalisationState.LOST
         return HapticInputs(
             now_ns=state.stamp_ns,
@@ -443,7 +438,7 @@ class Chair:
             guard=None if telemetry is None else telemetry.guard,
             signal=None if state.perceived is None else state.perceived.told,
             computer_drives=state.verdict.computer_drives and not state.verdict.steered,
-            odom_from_base=None if gone else motion.odom_from_base(state.stamp_ns),
+            odom_from_base=self._base.motion.fresh_pose(state.stamp_ns),
         )
 
     @property

@@ -8,6 +8,7 @@ from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.odometry.tilt import Tilt, TiltFilter
 from waychair.slam.odometry.wheel_counts import wheel_paths
+from waychair.topics import ODOMETRY
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 
@@ -72,6 +73,11 @@ class MeasuredMotion:
         seconds = min(max((stamp_ns - self.odometry.stamp_ns) * 1e-9, -0.1), 0.1)
         twist = self.odometry.twist
         return self.odometry.odom_from_base @ arc(twist.v * seconds, twist.omega * seconds)
+
+    def fresh_pose(self, now_ns: int) -> Pose2 | None:
+        """Return the odometry now; None where the wheels have been silent for too long."""
+        stamp_ns = None if self.odometry is None else self.odometry.stamp_ns
+        return None if ODOMETRY.is_stale(stamp_ns, now_ns) else self.odom_from_base(now_ns)
 
     def map_from_base(self, now_ns: int) -> Pose2:
         """Return the chair's pose in map by localiser and odometry."""

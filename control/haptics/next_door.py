@@ -46,6 +46,10 @@ def next_door(doorways: Iterable[Doorway], odom_from_base: Pose2, side: DoorSide
     return Place(door_words(side), goal, _NEAR, _NEAR_TURN)
 
 
+NO_DOORWAYS = "this chair does not look for doorways: start it with the setting `perceive`"
+"""The sentence for a rider whose chair has no behaviour cells."""
+
+
 def door_words(side: DoorSide) -> str:
     """Return what a doorway on a side is called."""
     return "the door ahead" if side is DoorSide.AHEAD else f"the door on the {side.value}"

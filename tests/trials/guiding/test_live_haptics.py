@@ -13,11 +13,11 @@ import pytest
 from tests.runtime.riding import LIDAR, coarse_arcs, hall
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.haptics.next_door import DoorSide, no_door
+from waychair.control.haptics.next_door import NO_DOORWAYS, DoorSide, no_door
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import ConfigError
 from waychair.planning.seen.doorways import DoorState, Doorway
-from waychair.runtime.chair import NO_DOORWAYS, Chair, ChairState
+from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.perception import Perception
 from waychair.simulation.simulator import Simulator, SimulatorSettings
