@@ -447,11 +447,11 @@ class Chair:
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
 
     def _unscanned(self, map_from_base: Pose2) -> Unscanned:
-        """Return what the guard watches beside the scans, in base; nothing while unlocalised."""
-        if self._localisation is None:
-            return Unscanned()
-        # the outline of a whole map is thinned before it is transformed
-        return self._pilot.unscanned.near((map_from_base.x, map_from_base.y)).seen_from(map_from_base)
+        """Return what the guard watches beside the scans, in base: what the map shows once localised, and what was seen."""
+        known = Unscanned()
+        if self._localisation is not None:  # the outline of a whole map is thinned before it is transformed
+            known = self._pilot.unscanned.near((map_from_base.x, map_from_base.y)).seen_from(map_from_base)
+        return known if self.haptics is None else self.haptics.with_seen(known, self.odom_from_base)
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 
 import numpy as np
 
 from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
-from waychair.types import BoolArray, OccupancyGrid, Pose2, Scan
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Scan
 
 FINE_CELLS = OccupancySettings(resolution=0.025, range_max=5.0, open_range=5.0)
 """Small cells for driving close to obstacles; beams without an echo clear as far as obstacles are seen."""
@@ -38,6 +39,15 @@ class GridMemory:
     def occupied(self) -> BoolArray:
         """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
         return self._evidence.occupied()
+
+    def points_near(self, at: Pose2, within: float) -> FloatArray:
+        """Return the middles (N, 2) [m] of the occupied cells that are no farther than this from a pose along x and y."""
+        cell, low = self.resolution, self._evidence.area[0]
+        first = np.maximum(np.floor((np.array([at.x, at.y]) - within - low) / cell).astype(int), 0)
+        side = math.ceil(2.0 * within / cell)
+        near = self.occupied()[first[1] : first[1] + side, first[0] : first[0] + side]
+        points: FloatArray = low + (first + np.argwhere(near)[:, ::-1] + 0.5) * cell
+        return points
 
     def grid(self, coarser: int) -> OccupancyGrid:
         """Return a grid whose cells are `coarser` times as wide: occupied if any of their parts is, and else free."""

@@ -11,12 +11,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.cell_advice import CellMemory, cell_advice
 from waychair.control.haptics.guidance import GuideInputs, GuideWord, StickHold
 from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
+from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.live_ground import LiveGround
@@ -154,6 +158,13 @@ class HapticGuide:
         if self._unmapped is not None and self.leader.goal is not None:
             self._unmapped.ground.see(scan, odom_from_base, twist)
             self._unmapped.is_fresh = True
+
+    def with_seen(self, known: Unscanned, odom_from_base: Pose2) -> Unscanned:
+        """Return what no scan shows, in base, with the walls that were seen on a way without a map: they may be behind by now."""
+        if self._unmapped is None or self.leader.goal is None:
+            return known
+        seen = transform_points(odom_from_base.inverse(), self._unmapped.ground.walls(odom_from_base, BLIND_WITHIN))
+        return replace(known, mapped=np.concatenate([known.mapped, seen]))
 
     def redraw(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> None:
         """Take another map; the steps are planned anew on it."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.maps.grid.growing_grid import GridMemory
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.slam.scan.scan_points import sweep_motion
-from waychair.types import Pose2, Scan, Twist
+from waychair.types import FloatArray, Pose2, Scan, Twist
 
 COARSER = 2
 """Cells of the memory per cell of the steps' ground, in each direction."""
@@ -33,6 +35,10 @@ class SeenGround:
         if self._memory is None:
             self._memory = GridMemory(first)
         self._memory.see(scan, first, last)
+
+    def walls(self, at: Pose2, within: float) -> FloatArray:
+        """Return the occupied cells' middles (N, 2) [m] in odom, no farther than this from a pose along x and y."""
+        return np.empty((0, 2)) if self._memory is None else self._memory.points_near(at, within)
 
     def ask(self, goal: Pose2) -> Callable[[], Costmap]:
         """Return the work of making the costmap as far as a goal in odom; it takes a while.

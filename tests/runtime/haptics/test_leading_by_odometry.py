@@ -10,6 +10,7 @@ import pytest
 
 from tests.runtime.haptics.guided_rider import TICK_MS, GuidedRider, room
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.safety.guard import Unscanned
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.grid.costmap import Costmap
 from waychair.runtime.haptics.haptic_guide import BEGUN_ANEW, NO_ODOMETRY, NOT_SEEN
@@ -96,6 +97,18 @@ def test_another_map_does_not_touch_a_way_by_odometry(rider: GuidedRider) -> Non
     before = rider.guide.leader.plan
     rider.guide.redraw(room(), ())
     assert rider.guide.leader.plan is before
+
+
+def test_walls_that_were_seen_hold_the_stick_where_no_sensor_looks_any_more(rider: GuidedRider) -> None:
+    known = Unscanned()
+    assert rider.guide.with_seen(known, AT) is known
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    for k in range(3):
+        rider.guide.see(scan(k * 100_000_000, wall=True), None, AT, Twist())
+    turned = AT @ Pose2(CHAIR_A.base_from_laser.x + WALL - 1.0, 0.0, math.pi)  # the wall is a metre behind
+    behind = rider.guide.with_seen(known, turned).mapped
+    assert len(behind) > 20
+    assert behind[:, 0] == pytest.approx(-1.0, abs=0.05)
 
 
 def test_steps_whose_way_turns_out_to_be_shut_are_made_anew(rider: GuidedRider) -> None:
