@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import evenly_spaced, transform_points, wrap_angle
 from waychair.planning.body.clearance import NARROW
 from waychair.planning.grid.costmap import Costmap
@@ -44,7 +45,7 @@ _ALONG, _ASIDE = 0.4, (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
 _GOAL_RING, _GOAL_COST = 0.3, 2.0
 """m and cost per m; an arrival so near to the goal will do where the goal itself is too tight."""
 
-_OUT_AHEAD, _OUT_BACK = (0.25, 0.5, 0.8, 1.2, 1.6, 2.0), (0.25, 0.5, 0.8, 1.2)
+_OUT_AHEAD, _OUT_BACK = (0.25, 0.5, 0.8, 1.2, 1.6, 2.0), (0.25, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0)
 """m; ways straight out of a place in which the chair cannot turn."""
 
 _LAST_TURN = math.radians(15.0)
@@ -85,15 +86,16 @@ def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) 
     if narrow is not None:
         place = narrow.map_from_door.x, narrow.map_from_door.y
         raise NoSteps(f"a door on the way is {narrow.width:.2f} m wide and the chair {body.width:.2f} m", place)
-    passages = [list(door_steps(ground, door)) for door in doors]
-    search = _Search(ground, start, goal, _places(ground, route, goal), passages)
+    ways = ((door, list(door_steps(ground, door))) for door in doors)
+    passages = [(door, steps) for door, steps in ways if steps or not _stands_in(door, start, body)]
+    search = _Search(ground, start, goal, _places(ground, route, goal), [steps for _, steps in passages])
     for wander in WANDERS:
         legs = search.legs(wander)
         if legs is not None:
             last = legs[-1].end if legs else start
             return with_pivots(start, legs, _last_heading(ground, last, goal))
-    for door, ways in zip(doors, passages, strict=True):
-        if not ways:
+    for door, steps in passages:
+        if not steps:
             place = door.map_from_door.x, door.map_from_door.y
             raise NoSteps(
                 f"there is no room to turn before or behind the door at ({place[0]:.1f}, {place[1]:.1f})", place
@@ -107,6 +109,12 @@ def doors_on(costmap: Costmap, route: FloatArray) -> list[DoorPassage]:
     cells = transform_points(costmap.grid.map_from_grid.inverse(), even) / costmap.grid.resolution
     found = tight_doors(costmap, cells, NARROW, costmap.body.width + WIDEST_DOOR)
     return [_in_the_middle(costmap, door) for _, _, door in found]
+
+
+def _stands_in(door: DoorPassage, start: Pose2, body: ChairBody) -> bool:
+    """Return whether the chair's outline is in a narrow place: there is no turning before it, only a way straight out."""
+    at = start.inverse() @ door.map_from_door
+    return -body.rear < at.x < body.front and abs(at.y) < body.width / 2
 
 
 def _in_the_middle(costmap: Costmap, door: DoorPassage) -> DoorPassage:
