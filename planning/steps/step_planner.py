@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import evenly_spaced, transform_points, wrap_angle
 from waychair.planning.body.clearance import NARROW
 from waychair.planning.grid.costmap import Costmap
@@ -86,16 +85,15 @@ def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) 
     if narrow is not None:
         place = narrow.map_from_door.x, narrow.map_from_door.y
         raise NoSteps(f"a door on the way is {narrow.width:.2f} m wide and the chair {body.width:.2f} m", place)
-    ways = ((door, list(door_steps(ground, door))) for door in doors)
-    passages = [(door, steps) for door, steps in ways if steps or not _stands_in(door, start, body)]
-    search = _Search(ground, start, goal, _places(ground, route, goal), [steps for _, steps in passages])
+    passages = [list(door_steps(ground, door)) for door in doors]
+    search = _Search(ground, start, goal, _places(ground, route, goal), passages)
     for wander in WANDERS:
         legs = search.legs(wander)
         if legs is not None:
             last = legs[-1].end if legs else start
             return with_pivots(start, legs, _last_heading(ground, last, goal))
-    for door, steps in passages:
-        if not steps:
+    for door, ways in zip(doors, passages, strict=True):
+        if not ways:
             place = door.map_from_door.x, door.map_from_door.y
             raise NoSteps(
                 f"there is no room to turn before or behind the door at ({place[0]:.1f}, {place[1]:.1f})", place
@@ -109,12 +107,6 @@ def doors_on(costmap: Costmap, route: FloatArray) -> list[DoorPassage]:
     cells = transform_points(costmap.grid.map_from_grid.inverse(), even) / costmap.grid.resolution
     found = tight_doors(costmap, cells, NARROW, costmap.body.width + WIDEST_DOOR)
     return [_in_the_middle(costmap, door) for _, _, door in found]
-
-
-def _stands_in(door: DoorPassage, start: Pose2, body: ChairBody) -> bool:
-    """Return whether the chair's outline is in a narrow place: there is no turning before it, only a way straight out."""
-    at = start.inverse() @ door.map_from_door
-    return -body.rear < at.x < body.front and abs(at.y) < body.width / 2
 
 
 def _in_the_middle(costmap: Costmap, door: DoorPassage) -> DoorPassage:

@@ -14,9 +14,11 @@ from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
 from waychair.planning.route.legs import DoorPassage
-from waychair.planning.steps.door_steps import steps_through
+from waychair.planning.steps.door_steps import BEHIND, PIVOT_AHEAD, door_step
 from waychair.planning.steps.step import Step, StepKind, StepPlan, with_pivots
 from waychair.types import Pose2, Twist
+
+HERE = Pose2()
 
 DURATIONS = {symbol: 1e-3 * pattern.duration_ms for symbol, pattern in vocabulary("glove_3x3").patterns.items()}
 TICK_S = 0.05
@@ -142,10 +144,18 @@ def test_a_nudge_that_is_on_its_way_is_counted_before_another_is_said() -> None:
     assert counted.advice is None
 
 
+def through(door: DoorPassage, start: Pose2 = HERE) -> StepPlan:
+    """Steps from a pose to the pivotal point of a door, and through it."""
+    step = door_step(door, CHAIR_A, PIVOT_AHEAD[0], BEHIND[0])
+    heading = math.atan2(step.start.y - start.y, step.start.x - start.x)
+    begin, end = Pose2(start.x, start.y, heading), Pose2(step.start.x, step.start.y, heading)
+    return with_pivots(start, [Step(StepKind.STRAIGHT, begin, end, room=0.14), step], None)
+
+
 def test_a_door_is_passed_in_its_middle_by_odometry_alone_despite_a_veer() -> None:
     door = DoorPassage(Pose2(4.0, 0.5, math.radians(10.0)), 0.8)
     driver = PlainDriver(Pose2(), RiderModel(veer=math.radians(1.5)))
-    plan = steps_through(door, Pose2(), CHAIR_A)
+    plan = through(door)
     offsets = []
     guide_drive = driven(plan, driver)
     assert guide_drive.last.arrived
@@ -160,7 +170,7 @@ def test_a_guard_that_holds_the_stick_leads_a_drifting_hand_with_weak_nudges_thr
     drifting = RiderModel(nudge=math.radians(0.4), veer=math.radians(-4.5), speed=0.25)
     drives = []
     for held in (False, True):
-        plan = steps_through(door, Pose2(0.0, 0.4), CHAIR_A)
+        plan = through(door, Pose2(0.0, 0.4))
         drives.append(driven(plan, PlainDriver(Pose2(0.0, 0.4), drifting), known=RiderModel(), held=held))
     alone, helped = drives
     assert not alone.last.arrived
@@ -196,8 +206,8 @@ def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
     begin = Pose2(1.6, 0.22, 0.0)  # close before the door and 22 cm beside its axis
     plan = StepPlan(
         (
-            replace(steps_through(door, Pose2(), CHAIR_A).steps[-2], start=Pose2(0.8), kind=StepKind.DOOR),
-            steps_through(door, Pose2(), CHAIR_A).steps[-1],
+            replace(through(door).steps[-2], start=Pose2(0.8), kind=StepKind.DOOR),
+            through(door).steps[-1],
         )
     )
     drive = driven(plan, PlainDriver(begin, RiderModel()), seconds=200.0)

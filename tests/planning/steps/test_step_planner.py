@@ -12,7 +12,7 @@ from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.route.legs import DoorPassage
-from waychair.planning.steps.door_steps import steps_through
+from waychair.planning.steps.door_steps import doors_too_narrow
 from waychair.planning.steps.step import NoSteps, StepKind, StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.types import Goal, OccupancyGrid, Pose2
@@ -99,11 +99,11 @@ def test_a_chair_that_cannot_turn_is_led_straight_back_first() -> None:
     assert plan.steps[0].kind is StepKind.BACK
 
 
-def test_a_door_too_narrow_for_a_hand_is_refused_with_its_width_and_offers_autonomy() -> None:
+def test_where_no_chair_turns_before_a_door_autonomy_is_offered_and_a_door_too_narrow_for_a_hand_is_known() -> None:
     costmap = costmap_from_grid(two_rooms(0.8), CHAIR_B)
-    narrow = DoorPassage(Pose2(2.0, 0.0, 0.0), 0.71)
-    with pytest.raises(NoSteps, match=r"0.71 m wide .* drive there by itself"):
-        steps_through(narrow, Pose2(), CHAIR_B)
+    doors = [DoorPassage(Pose2(2.0, 0.0, 0.0), width) for width in (0.8, 0.71)]
+    assert doors_too_narrow(doors, CHAIR_B) is doors[1]
+    assert doors_too_narrow(doors[:1], CHAIR_B) is None
     with pytest.raises(NoSteps, match="drive there by itself"):
         StepPlanner(Goal("x"), Pose2(6.5, 2.5)).replan(_cluttered(costmap), Pose2(1.3, 2.5))
 
@@ -114,11 +114,11 @@ def _cluttered(costmap: Costmap) -> Costmap:
     return costmap_from_grid(costmap.grid, costmap.body, live_points=posts)
 
 
-def test_a_door_just_found_is_led_to_by_odometry_alone() -> None:
-    door = DoorPassage(Pose2(3.0, 1.0, math.radians(20.0)), 0.9)
-    plan = steps_through(door, Pose2(), CHAIR_A)
-    last = plan.steps[-2]
-    assert last.kind is StepKind.DOOR
-    axis = door.map_from_door.inverse() @ last.start
-    assert abs(axis.y) < 1e-6
-    assert [step.kind for step in plan.steps][:2] == [StepKind.PIVOT, StepKind.STRAIGHT]
+def test_a_chair_far_in_a_narrow_dead_end_is_led_straight_back_all_the_way() -> None:
+    cells = np.full((round(4.0 / CELL), round(6.0 / CELL)), 100, np.int8)
+    cells[50:150, 50:150] = 0  # a room of 2 m
+    cells[80:122, 150:290] = 0  # a dead end 0.84 m wide
+    goal = Pose2(2.0, 2.0, math.pi)
+    plan = planned(costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A), Pose2(4.5, 2.02, 0.0), goal)
+    assert plan.steps[0].kind is StepKind.BACK
+    assert plan.steps[0].length == pytest.approx(2.5)
