@@ -115,13 +115,17 @@ class Mutant:
 
 @contextmanager
 def with_bug(mutant: Mutant) -> Iterator[None]:
-    """Put a bug in place."""
+    """Put a bug in place, in every module of the peers that knows the rule by this name."""
     right = getattr(mutant.place, mutant.name)
-    setattr(mutant.place, mutant.name, mutant.bug)
+    modules = (alone, claims, election, memory, networked_warden, peer)
+    places = [mutant.place, *(each for each in modules if getattr(each, mutant.name, None) is right)]
+    for place in places:
+        setattr(place, mutant.name, mutant.bug)
     try:
         yield
     finally:
-        setattr(mutant.place, mutant.name, right)
+        for place in places:
+            setattr(place, mutant.name, right)
 
 
 def killed_by(mutant: Mutant, seeds: range) -> int | None:
