@@ -141,8 +141,8 @@ def killed_by(mutant: Mutant, seeds: range) -> int | None:
 
 
 def situations_run(seed: int) -> tuple[str, ...]:
-    """Return the faults of all situations, each with the name of its situation."""
-    return tuple(f"{each.__name__}: {said}" for each in SITUATIONS for said in each(seed))
+    """Return the faults of all situations, each with the name of its situation and the seed."""
+    return tuple(f"{each.__name__}, seed {seed}: {said}" for each in SITUATIONS for said in each(seed))
 
 
 def _storm_faults(seed: int) -> tuple[str, ...]:
