@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import product
 
 import numpy as np
@@ -43,9 +42,9 @@ class GridMemory:
     def points_near(self, at: Pose2, within: float) -> FloatArray:
         """Return the middles (N, 2) [m] of the occupied cells that are no farther than this from a pose along x and y."""
         cell, low = self.resolution, self._evidence.area[0]
-        first = np.maximum(np.floor((np.array([at.x, at.y]) - within - low) / cell).astype(int), 0)
-        side = math.ceil(2.0 * within / cell)
-        near = self.occupied()[first[1] : first[1] + side, first[0] : first[0] + side]
+        here = np.array([at.x, at.y]) - low
+        first, after = (np.maximum(np.rint((here + way) / cell).astype(int), 0) for way in (-within, within))
+        near = self.occupied()[first[1] : after[1], first[0] : after[0]]
         points: FloatArray = low + (first + np.argwhere(near)[:, ::-1] + 0.5) * cell
         return points
 

@@ -106,6 +106,7 @@ class _Session:
     def __init__(self, address: str) -> None:
         self.address = address
         self.client: Any = None
+        self._stop_loop: Callable[[], None] = lambda: None
 
     def __enter__(self) -> Self:
         try:

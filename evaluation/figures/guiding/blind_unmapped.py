@@ -60,9 +60,8 @@ class DeadEnd:
 def blind_unmapped(out: Path) -> Json:
     """Drivers who are out of dead ends in time, and through the next door; and contacts."""
     ends = guided_row("dead end", "without a map", over_seeds("blind dead end", out_of_dead_end, DEAD_ENDS))
-    ends["passed"] = (
-        ends["reached"] >= OUT_OF * ends["runs"]
-    )  # its rear may touch, slowly, a wall that no sensor has seen
+    # contacts do not decide here: a chair's rear may touch, slowly, a wall that no sensor has ever seen
+    ends["passed"] = ends["reached"] >= OUT_OF * ends["runs"]
     doors = over_seeds("blind next door", through_next_door, DOORS)
     rows = [ends, guided_row("next door", "without a map", doors, GuidedBars(0.95))]
     return {"passed": all(row["passed"] for row in rows), "rows": rows}

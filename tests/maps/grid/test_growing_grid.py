@@ -77,3 +77,25 @@ def test_a_cell_seen_through_ten_times_is_free_again_however_long_it_was_occupie
     solid = np.argwhere(memory.occupied())[:, ::-1] * 0.05 + (memory.corner.x, memory.corner.y)
     assert len(solid)
     assert np.hypot(*(solid - POSTS[0]).T).min() > 0.5
+
+
+def test_points_near_a_pose_are_the_occupied_cells_there() -> None:
+    memory = GridMemory(POSES[0], SETTINGS)
+    for pose in POSES:
+        memory.see(scan_of(pose, POSTS), pose)
+    rows, cols = np.nonzero(memory.occupied())
+    middles = np.column_stack([memory.corner.x + (cols + 0.5) * 0.05, memory.corner.y + (rows + 0.5) * 0.05])
+    near = (np.abs(middles - (1.0, 0.3)) < 0.5).all(axis=1)
+    assert 0 < near.sum() < len(middles)
+    assert memory.points_near(Pose2(1.0, 0.3, 2.0), 0.5) == pytest.approx(middles[near])
+    assert len(memory.points_near(Pose2(100.0, 100.0), 0.5)) == len(memory.points_near(Pose2(-100.0, -100.0), 0.5)) == 0
+
+
+def test_a_coarser_grid_is_occupied_where_any_part_of_a_cell_is() -> None:
+    memory = GridMemory(POSES[0], SETTINGS)
+    memory.see(scan_of(POSES[0], POSTS), POSES[0])
+    fine, coarse = memory.occupied(), memory.grid(3)
+    assert coarse.resolution == pytest.approx(0.15)
+    assert coarse.map_from_grid == memory.corner
+    found = {(int(row), int(col)) for row, col in np.argwhere(coarse.cells == 100)}
+    assert found == {(int(row) // 3, int(col) // 3) for row, col in np.argwhere(fine)}
