@@ -329,7 +329,10 @@ def overtaken(state: Granting, plan: Plan, old: Plan, wishes: Mapping[int, Reque
         chair: {int(resource[stay.spot]): stay.from_ms for stay in reversed(stays)} for chair, stays in plan.items()
     }
     for chair, request in wishes.items():
-        if chair not in old or len(old[chair]) < 2 or _arrival(plan[chair]) <= _arrival(old[chair]) + _LATER_MS:
+        # the spots that a chair holds without its request, as after another warden, end before its goal
+        if chair not in old or chains[chair].request != request:
+            continue
+        if _arrival(plan[chair]) <= _arrival(old[chair]) + _LATER_MS:
             continue
         for other, later in wishes.items():
             if later.asked_ms <= request.asked_ms or later.number in found[chair]:

@@ -21,7 +21,7 @@ from tests.planning.fleet.small_traffic import (
 )
 from waychair.errors import TaskError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
-from waychair.planning.fleet.granting import granted
+from waychair.planning.fleet.granting import Granting, granted, overtaken
 from waychair.planning.fleet.order import (
     Order,
     Request,
@@ -35,6 +35,7 @@ from waychair.planning.fleet.order import (
     stopped,
 )
 from waychair.planning.fleet.rules import Priority, aged, inherited, weight
+from waychair.planning.fleet.sipp import Stay
 from waychair.planning.fleet.ways import ways_of
 
 CLEARING_MS = 400
@@ -287,3 +288,21 @@ def test_a_top_chair_goes_first_and_equals_are_overtaken_at_most_twice() -> None
     alone = 1500 + int(top.ways.least_ms("P")[top.chains[4].spots[0]]) - 1
     assert arrival - alone <= 8000
     assert all(len(chain.overtaken_by) <= 2 for chain in top.chains.values())
+
+
+@pytest.mark.parametrize("holds_by_request", [True, False])
+def test_only_a_chair_that_had_a_way_to_its_goal_is_overtaken(holds_by_request: bool) -> None:
+    """After a closure or another warden a chair holds a few spots without its request: they end before its goal."""
+    first, later = Request(1, 1, "U", 0), Request(2, 2, "T", 100)
+    order = ordered(TEE, {1: "P", 2: "R"}, {1: "U"})
+    assert order.chains[1].request is not None
+    own = replace(order.chains[1], request=first if holds_by_request else None)
+    order = replace(order, chains={**order.chains, 1: own})
+    state = Granting(order, 1000, CLEARING_MS, np.random.default_rng(0), ())
+    here, _, *rest = own.spots
+    shared = rest[0]
+    stand = Stay(order.chains[2].spots[0], 0, 2000)
+    old = {1: (Stay(here, 0, 3000), Stay(shared, 3000, 4000)), 2: (stand,)}
+    new = {1: (Stay(here, 0, 9000), Stay(shared, 9000, 10_000)), 2: (stand, Stay(shared, 2000, 3000))}
+    found = overtaken(state, new, old, {1: first, 2: later})
+    assert found == {1: frozenset({2}) if holds_by_request else frozenset(), 2: frozenset()}
