@@ -10,7 +10,7 @@ is wrong at that moment. Otherwise the goal is dropped. Everything that ends a d
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.calibration_file import ChairCalibration
@@ -252,10 +252,7 @@ class Chair:
         """
         if self.haptics is None:
             return NOBODY_LEADS
-        self._tell("lead", (Goal(goal.name),))
-        if self.level is HelpLevel.GUARD:
-            self._base.choose_level(HelpLevel.GUIDE)
-        self.haptics.lead(goal)
+        self._begin_to_lead("lead", goal, self.haptics.lead)
         return f"You are led to {goal.name}."
 
     def lead_through(self, side: DoorSide) -> tuple[bool, str]:
@@ -270,11 +267,15 @@ class Chair:
         goal = next_door(self._perception.doorways, self.odom_from_base, side, self._calibration.body)
         if goal is None:
             return False, no_door(side)
-        self._tell("lead through", (Goal(goal.name),))
+        self._begin_to_lead("lead through", goal, self.haptics.lead_by_odometry)
+        return True, f"You are led through {goal.name}."
+
+    def _begin_to_lead(self, what: str, goal: Place, lead: Callable[[Place], None]) -> None:
+        """Note the rider's request, guide a rider who is only guarded, and lead."""
+        self._tell(what, (Goal(goal.name),))
         if self.level is HelpLevel.GUARD:
             self._base.choose_level(HelpLevel.GUIDE)
-        self.haptics.lead_by_odometry(goal)
-        return True, f"You are led through {goal.name}."
+        lead(goal)
 
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
@@ -447,7 +448,7 @@ class Chair:
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
 
     def _unscanned(self, map_from_base: Pose2) -> Unscanned:
-        """Return what the guard watches beside the scans, in base: what the map shows once localised, and what was seen."""
+        """Return the points that the guard watches beside the scans, in base: those of the map once localised, and seen walls."""
         known = Unscanned()
         if self._localisation is not None:  # the outline of a whole map is thinned before it is transformed
             known = self._pilot.unscanned.near((map_from_base.x, map_from_base.y)).seen_from(map_from_base)

@@ -37,12 +37,13 @@ def next_door(doorways: Iterable[Doorway], odom_from_base: Pose2, side: DoorSide
 
     Doorways that range has borne out come first: a candidate may be a gap between two things.
     """
-    onward = [(each, _through(each.pose, odom_from_base)) for each in doorways if _may_pass(each, body)]
-    found = [each for each in onward if _leads(side, odom_from_base.inverse() @ each[1])]
+    base_from_odom = odom_from_base.inverse()
+    onward = [(each, _through(base_from_odom @ each.pose)) for each in doorways if _may_pass(each, body)]
+    found = [each for each in onward if _leads(side, each[1])]
     if not found:
         return None
-    _, through = min(found, key=lambda each: (not each[0].validated, _away(each[1], odom_from_base)))
-    goal = through @ Pose2(body.axle_from_rear + BEYOND, 0.0, 0.0)
+    _, through = min(found, key=lambda each: (not each[0].validated, _away(each[1])))
+    goal = odom_from_base @ through @ Pose2(body.axle_from_rear + BEYOND, 0.0, 0.0)
     return Place(door_words(side), goal, _NEAR, _NEAR_TURN)
 
 
@@ -52,13 +53,16 @@ NO_DOORWAYS = "this chair does not look for doorways: start it with the setting 
 
 def door_words(side: DoorSide) -> str:
     """Return what a doorway on a side is called."""
-    return "the door ahead" if side is DoorSide.AHEAD else f"the door on the {side.value}"
+    return f"the door {_where(side)}"
 
 
 def no_door(side: DoorSide) -> str:
     """Return the sentence for a rider who asks for a doorway that nobody sees."""
-    where = "ahead" if side is DoorSide.AHEAD else f"on the {side.value}"
-    return f"no doorway that is wide enough is seen {where}: go on a little, or look round, and ask again"
+    return f"no doorway that is wide enough is seen {_where(side)}: go on a little, or look round, and ask again"
+
+
+def _where(side: DoorSide) -> str:
+    return "ahead" if side is DoorSide.AHEAD else f"on the {side.value}"
 
 
 _NEAR, _NEAR_TURN = 0.5, math.radians(30.0)
@@ -71,16 +75,15 @@ def _may_pass(door: Doorway, body: ChairBody) -> bool:
     return door.state is not DoorState.CLOSED and width >= body.width + SPARE
 
 
-def _through(door: Pose2, odom_from_base: Pose2) -> Pose2:
+def _through(base_from_door: Pose2) -> Pose2:
     """Return the doorway's middle with x leading through it, away from the chair."""
-    along = (door.inverse() @ odom_from_base).x
-    return door if along < 0.0 else door @ Pose2(0.0, 0.0, math.pi)
+    return base_from_door if base_from_door.inverse().x < 0.0 else base_from_door @ Pose2(0.0, 0.0, math.pi)
 
 
 def _leads(side: DoorSide, base_from_door: Pose2) -> bool:
     """Whether a doorway leads to a side, and is still to come."""
-    x, y, turned = base_from_door.x, base_from_door.y, wrap_angle(base_from_door.theta)
-    if math.hypot(x, y) > FARTHEST:
+    x, turned = base_from_door.x, wrap_angle(base_from_door.theta)
+    if _away(base_from_door) > FARTHEST:
         return False
     if side is DoorSide.AHEAD:
         return x > 0.0 and abs(turned) <= _TURNED
@@ -88,5 +91,5 @@ def _leads(side: DoorSide, base_from_door: Pose2) -> bool:
     return x > -BEHIND and _TURNED < turned <= math.pi - _TURNED
 
 
-def _away(door: Pose2, odom_from_base: Pose2) -> float:
-    return math.hypot(door.x - odom_from_base.x, door.y - odom_from_base.y)
+def _away(base_from_door: Pose2) -> float:
+    return math.hypot(base_from_door.x, base_from_door.y)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 
+from waychair.maps.grid.cells import coarser
 from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Scan
 
@@ -48,15 +47,11 @@ class GridMemory:
         points: FloatArray = low + (first + np.argwhere(near)[:, ::-1] + 0.5) * cell
         return points
 
-    def grid(self, coarser: int) -> OccupancyGrid:
-        """Return a grid whose cells are `coarser` times as wide: occupied if any of their parts is, and else free."""
-        n, fine = coarser, self.occupied()
-        height, width = (-size % n for size in fine.shape)
-        fine = np.pad(fine, ((0, height), (0, width)))
-        solid = fine[::n, ::n].copy()
-        for i, j in product(range(n), range(n)):
-            solid |= fine[i::n, j::n]
-        return OccupancyGrid(np.where(solid, np.int8(100), np.int8(0)), n * self.resolution, self.corner)
+    def grid(self, times: int) -> OccupancyGrid:
+        """Return a grid whose cells are `times` as wide: occupied if any of their parts is, and else free."""
+        fine = self.occupied()
+        whole = np.pad(fine, [(0, -size % times) for size in fine.shape])  # beyond its edges nothing is known to stand
+        return coarser(OccupancyGrid(np.where(whole, np.int8(100), np.int8(0)), self.resolution, self.corner), times)
 
     def include(self, at: Pose2) -> None:
         """Grow until all beams of a laser at this pose end inside."""

@@ -23,10 +23,8 @@ from waychair.types import Goal, Place, Pose2, Twist
 REPLANS = 8
 """Plans in a row without a step that was done, after which the rider is no longer led."""
 
-
 AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
-
 
 LOOK_NS = 1_000_000_000
 """ns between two looks at the steps on ground that grows."""

@@ -123,18 +123,13 @@ def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Ri
 
 def shown_doorways(seen: PerceptionView, odom_from_base: Pose2) -> tuple[Doorway, ...]:
     """Return the doorways of a view in odom, from the chair's pose at its stamp."""
-    return tuple(
-        Doorway(
-            each.number,
-            odom_from_base @ Pose2(each.x, each.y, each.theta),
-            each.width,
-            each.clear,
-            0.0,
-            DoorState(each.state),
-            validated=DoorState(each.state) is not DoorState.UNKNOWN,
-        )
-        for each in seen.doorways
-    )
+    return tuple(_shown_doorway(each, odom_from_base) for each in seen.doorways)
+
+
+def _shown_doorway(shown: DoorwayView, odom_from_base: Pose2) -> Doorway:
+    """Return the doorway of a view; only candidates are of unknown state."""
+    pose, state = odom_from_base @ Pose2(shown.x, shown.y, shown.theta), DoorState(shown.state)
+    return Doorway(shown.number, pose, shown.width, shown.clear, 0.0, state, validated=state is not DoorState.UNKNOWN)
 
 
 class WithoutCells:

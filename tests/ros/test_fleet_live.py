@@ -23,7 +23,8 @@ for needed in ("rclpy", "fastapi", "zenoh"):
 
 from evaluation.runs.live_stack import LiveStack
 
-from tests.ros.test_page import Page, free_port, sets_off
+from tests.ports import free_port
+from tests.ros.test_page import Page, sets_off
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.fleet_file import FleetFile
 from waychair.runtime.fleet.fleet_member import FleetMember

@@ -20,7 +20,8 @@ if importlib.util.find_spec("rclpy") is None:
 
 from evaluation.runs.live_stack import LiveStack, SeenMessages
 
-from tests.ros.test_page import Page, free_port, sets_off
+from tests.ports import free_port
+from tests.ros.test_page import Page, sets_off
 from waychair.ros import topics
 from waychair.ros.messages.floor import read_floor, read_journey_state
 

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import signal
-import socket
 import threading
 import time
 import urllib.error
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import pytest
 
+from tests.ports import free_port
 from tests.ros.realtime import ALONE
 
 for needed in ("rclpy", "fastapi", "websockets"):
@@ -44,11 +44,6 @@ PATIENCE_S = 240.0
 """So long a drive that a busy computer ends is asked for again, and a page is waited for; only a failing test takes it all."""
 
 NEAR = [1.9, 1.0, 0.0]
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return int(listener.getsockname()[1])
 
 
 class Page:

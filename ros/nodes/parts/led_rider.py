@@ -182,7 +182,8 @@ class LedRider:
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
-            self._goal = None if self._goal is None or not self._goal.on_map else self._goal
+            if self._goal is not None and not self._goal.on_map:
+                self._goal = None
             self._heard.located = None  # the odometry restarted, so the old localisation is void
 
     def _take_scan(self, scan: Scan) -> None:

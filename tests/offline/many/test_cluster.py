@@ -5,38 +5,23 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.offline.many.test_many_maps import OPTIONS, ROOT, _text_when_there, _wait_until_gone, bags_of
+from tests.ports import free_port, wait_until_open
 from waychair.errors import ClusterError
 from waychair.offline.many.bags import named_bags
 from waychair.offline.many.cluster import ClusterPool, SharedFolder, shared_path
 from waychair.offline.many.many_maps import map_many
 from waychair.offline.many.outcomes import OutcomeState
-
-
-def _free_port() -> int:
-    with socket.socket() as each:
-        each.bind(("127.0.0.1", 0))
-        port: int = each.getsockname()[1]
-        return port
-
-
-def _wait_until_open(port: int) -> None:
-    while True:  # a busy computer takes long to start a scheduler
-        with suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
-            return
-        time.sleep(0.05)
 
 
 @contextmanager
@@ -55,11 +40,11 @@ def started(module: str, *arguments: str, cwd: Path | None = None) -> Iterator[s
 @contextmanager
 def cluster(workers: int, folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]]:
     """Run a scheduler with workers during the block; yield its address and the processes."""
-    address = f"tcp://127.0.0.1:{_free_port()}"
+    address = f"tcp://127.0.0.1:{free_port()}"
     with ExitStack() as stack:
         port = address.rpartition(":")[2]
         scheduler = stack.enter_context(started("dask_scheduler", "--host", "127.0.0.1", "--port", port))
-        _wait_until_open(int(port))
+        wait_until_open(int(port))
         own = ("--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
         yield address, scheduler, [stack.enter_context(started("dask_worker", address, *own)) for _ in range(workers)]
 
@@ -74,7 +59,7 @@ def test_paths_are_translated_by_the_first_shared_folder_that_holds_them() -> No
 def test_a_cluster_that_is_not_there_is_named_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("waychair.offline.many.cluster.CONNECT_S", 0.5)
     bags = named_bags(bags_of(tmp_path, one="fine"))[0]
-    address = f"tcp://127.0.0.1:{_free_port()}"
+    address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(ClusterError, match=f"there is no cluster at {address}: start one with `dask scheduler`"):
         map_many(bags, tmp_path / "out", OPTIONS, ClusterPool(address))
     with pytest.raises(ClusterError, match="there is no cluster at nowhere"):

@@ -6,7 +6,6 @@ import json
 import queue
 import shutil
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from tests.ports import free_port, wait_until_open
 from tests.runtime.fleet.test_vda5050 import HEADER, NOW_MS, WAYS, order, spots, state
 from tests.runtime.fleet.vda_fields import faults
 from waychair.calibration.chair_body import CHAIR_A
@@ -61,9 +61,7 @@ def broker_port(tmp_path: Path) -> int:
     """Port for a broker; skips without mosquitto."""
     if MOSQUITTO is None:
         pytest.skip("mosquitto is not installed")
-    with socket.socket() as each:
-        each.bind(("127.0.0.1", 0))
-        port: int = each.getsockname()[1]
+    port = free_port()
     (tmp_path / "broker.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
     return port
 
@@ -74,12 +72,7 @@ def broker(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
     assert MOSQUITTO is not None
     process = subprocess.Popen([MOSQUITTO, "-c", str(folder / "broker.conf")], stderr=subprocess.DEVNULL)
     try:
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port)).close()
-                break
-            except ConnectionRefusedError:
-                time.sleep(0.02)
+        wait_until_open(port)
         yield process
     finally:
         process.kill()

@@ -128,7 +128,10 @@ export const sayWhere = () => say(ask("say_where"));
 /** Asks to be led through the next door on a side: left, ahead or right. */
 export const leadThrough = (side) => void say(ask("lead_through", { side }));
 
-for (const button of $("haptics-doors").children) button.addEventListener("click", () => leadThrough(button.dataset.side));
+/** The buttons of the sides. */
+export const nextDoors = [...$("haptics-doors").children];
+
+for (const button of nextDoors) button.addEventListener("click", () => leadThrough(button.dataset.side));
 $("haptics-again").addEventListener("click", sayStep);
 $("haptics-where").addEventListener("click", sayWhere);
 $("haptics-end").addEventListener("click", () => say(ask("end_lead")));

@@ -4,7 +4,7 @@
 import { goTo } from "../drive.js";
 import { guideTo, PROMPTS, letDrive, nextLevel, sayAgain } from "../guide.js";
 import { chooseLevel, LEVELS, override } from "../help.js";
-import { leadThrough, sayStep, sayWhere } from "../haptics.js";
+import { leadThrough, nextDoors, sayStep, sayWhere } from "../haptics.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
 import { setSound, soundWanted } from "../sound.js";
@@ -98,8 +98,7 @@ const guidance = ({ level, offers, arrived }) => [
 function touch(all) {
   const led = now.haptics.goal !== "";
   const here = all.filter(({ pose }) => pose); // nobody is led to another storey
-  const door = (label, side) => ({ label, act: () => leadThrough(side) });
-  const doors = () => [door("On the left", "left"), door("Ahead", "ahead"), door("On the right", "right")];
+  const doors = () => nextDoors.map(({ textContent: label, dataset }) => ({ label, act: () => leadThrough(dataset.side) }));
   const leadItem = (goal) => ({ label: goal.path.at(-1), act: () => void say(ask("lead", { goal: goal.name })) });
   return [
     { label: led ? "Say the step again" : "Say it again", act: () => void sayStep() },
