@@ -8,6 +8,7 @@ from pathlib import Path
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.kernel_cache import compile_lightly
 from waychair.planning import warm_up as planning_kernels
+from waychair.runtime.haptics import leading_warm_up as leading_kernels
 from waychair.runtime.perception import Perception
 from waychair.slam.mapping import mapper_warm_up as mapping_kernels
 from waychair.trials.demo.demo import StageProgress, run_demo
@@ -32,7 +33,7 @@ routes:
 
 
 def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
-    """Compile the kernels of planner, mapper and behaviour cells, and by a short demo those of simulator and a drive.
+    """Compile the kernels of planner, mapper, guidance and behaviour cells, and by a short demo those of simulator and a drive.
 
     numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
 
@@ -42,6 +43,7 @@ def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None
     compile_lightly()
     planning_kernels.warm_up()
     mapping_kernels.warm_up()
+    leading_kernels.warm_up()
     Perception(CHAIR_A)  # its constructor runs the cells
     with tempfile.TemporaryDirectory() as name:
         plan = Path(name) / "hall.yaml"

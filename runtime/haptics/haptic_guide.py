@@ -23,6 +23,7 @@ from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
+from waychair.runtime.haptics.leading_warm_up import warm_up
 from waychair.runtime.haptics.live_ground import LiveGround
 from waychair.runtime.haptics.seen_ground import SeenGround
 from waychair.runtime.haptics.session_log import SessionCounter
@@ -109,6 +110,7 @@ class HapticGuide:
 
         `session` counts for the trainer, if the rider wants it.
         """
+        warm_up()
         self._teller = teller
         durations = {symbol: 1e-3 * each.duration_ms for symbol, each in teller.words.patterns.items()}
         self.leader = StepLeader(body, durations, learner, worker)

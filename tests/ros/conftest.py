@@ -47,3 +47,14 @@ def ros(ros_domain: int) -> Iterator[Harness]:
         yield harness
     os.environ.clear()
     os.environ.update(before)
+
+
+@pytest.fixture(autouse=True)
+def one_ros_test(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Each test that uses the session's node leaves nothing on it."""
+    if "ros" not in request.fixturenames:
+        yield
+        return
+    harness: Harness = request.getfixturevalue("ros")
+    with harness.one_test():
+        yield

@@ -53,6 +53,21 @@ class Harness:
         rclpy.try_shutdown()
 
     @contextlib.contextmanager
+    def one_test(self) -> Iterator[None]:
+        """Take back at the end what the block made on the tests' node: a late joiner would hear a map sent by an earlier test."""
+        node = self.node
+        kept = {*node.publishers, *node.subscriptions, *node.clients}
+        try:
+            yield
+        finally:
+            for each in {*node.publishers} - kept:
+                node.destroy_publisher(each)
+            for each in {*node.subscriptions} - kept:
+                node.destroy_subscription(each)
+            for each in {*node.clients} - kept:
+                node.destroy_client(each)
+
+    @contextlib.contextmanager
     def serving(self, node: AnyNode) -> Iterator[AnyNode]:
         """A node in this process, served by this harness and closed at the end."""
         self.executor.add_node(node)

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import gc
 from dataclasses import replace
 from multiprocessing import get_context
 
 from evaluation.scenes.hazards import setup_of, to_the_lift
-from numba.core.dispatcher import Dispatcher
 
+from tests.loaded_kernels import loaded_kernels
 from waychair.simulation.simulator import Simulator
 from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
 from waychair.types import Goal
-
-
-def kernels() -> set[tuple[str, str, int]]:
-    """Return module, name and number of loaded signatures of a chair's kernels in this process."""
-    functions = (thing for thing in gc.get_objects() if isinstance(thing, Dispatcher))
-    named = {(each.py_func.__module__, each.py_func.__name__, len(each.signatures)) for each in functions}
-    return {
-        each for each in named if each[0].startswith("waychair.") and not each[0].startswith("waychair.simulation.")
-    }
 
 
 def loaded_while_driving() -> set[tuple[str, str, int]]:
@@ -30,12 +20,12 @@ def loaded_while_driving() -> set[tuple[str, str, int]]:
     simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(1).plant), 1)
     with simulated_chair(setup_of(hazard), simulator) as chair:
         start_drive(simulator, chair, Goal(hazard.goals[0].name))
-        before = kernels()
+        before = loaded_kernels()
         for _ in range(20 * 20):
             messages = advance_tick(simulator, chair)
             chair.step(simulator.now_ns, messages)
         assert chair.ready
-        return kernels() - before
+        return loaded_kernels() - before
 
 
 def test_no_kernel_is_first_loaded_while_a_chair_drives_past_people() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from tests.runtime.haptics.guided_rider import TICK_MS, GuidedRider, room
+from tests.loaded_kernels import loaded_kernels
+from tests.runtime.haptics.guided_rider import DESK, START, TICK_MS, GuidedRider, room
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.safety.guard import Unscanned
 from waychair.maps.grid.cells import cells_from_points
@@ -145,3 +147,27 @@ def test_what_was_seen_is_kept_and_what_was_not_is_free() -> None:
     assert not solid(costmap, laser + 1.0, 0.0)
     assert not solid(costmap, laser + WALL + 1.0, 0.0)  # behind the wall
     assert not solid(costmap, 12.0, 0.0)  # the goal lies within the grid
+
+
+def loaded_while_led() -> set[tuple[str, str, int]]:
+    """Return the kernels first loaded while a rider is led by odometry, past a wall that turns up, and then on the map."""
+    with GuidedRider() as rider:
+        before = loaded_kernels()
+        rider.pose, rider.odom_from_base = None, AT
+        rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+        run(rider, 1000)
+        for _ in range(40):
+            rider.guide.see(scan(rider.now_ms * 1_000_000, wall=True), None, AT, Twist())
+            rider.run(TICK_MS)
+        rider.guide.with_seen(Unscanned(), AT)
+        rider.pose = START
+        rider.guide.lead(DESK)
+        rider.guide.see(scan(rider.now_ms * 1_000_000), START, AT, Twist())
+        state = rider.run(1000)
+        assert state.step, state
+        return loaded_kernels() - before
+
+
+def test_no_kernel_is_first_loaded_while_a_rider_is_led() -> None:
+    with get_context("spawn").Pool(1) as own_process:
+        assert own_process.apply(loaded_while_led) == set()
