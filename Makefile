@@ -24,7 +24,7 @@ test:  ## everything that CI runs
 	@bash .ci/setup dev
 	@bash .ci/tests
 
-nightly:  ## what repeats on a larger scale the checks of `make test`; it takes an hour
+nightly:  ## what repeats on a larger scale the checks of `make test`; it takes an hour and a half
 	@bash .ci/setup dev
 	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m "nightly or hypothesis" --hypothesis-profile=search
 	@$(REALTIME) -m "realtime and nightly"

@@ -44,7 +44,7 @@ from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, rea
 from waychair.ros.messages.outcomes import DriveOutcome, TaskResult
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
-from waychair.runtime.pages.chair_port import GuideView
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import Place, Pose2
 

@@ -43,8 +43,18 @@ MAY_BE_SKIPPED = (
 """Reasons that `.ci/run` accepts. It fails where a browser, a camera, ROS, the firmware or the recordings are missing."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out the nightly ones
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip the tests that keep real time, unless this run is for them."""
+    """Skip the tests that keep real time, unless this run is for them; mark the cases beyond a sample as nightly."""
+    cases: defaultdict[tuple[str, int], list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        sample = item.get_closest_marker("sampled")
+        if sample is not None:
+            cases[item.nodeid.split("[")[0], sample.args[0]].append(item)
+    for (_, count), alike in cases.items():
+        sampled = {k * len(alike) // count for k in range(count)}
+        for k in sorted(set(range(len(alike))) - sampled):
+            alike[k].add_marker(pytest.mark.nightly)
     if os.environ.get("WAYCHAIR_REALTIME") == "1":
         return
     alone = pytest.mark.skip(reason="keeps real time: run with WAYCHAIR_REALTIME=1, in one process")

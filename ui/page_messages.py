@@ -10,7 +10,8 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.pages.chair_port import ChairView, GoalView, GuideView, LayoutView, OthersView
+from waychair.runtime.pages.chair_port import ChairView, GoalView, LayoutView, OthersView
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.runtime.pages.perception_view import CellView, PerceptionView
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.runtime.rider.sentences import sentence

@@ -1,4 +1,4 @@
-"""The message of step guidance: a JSON object of `runtime.pages.chair_port.GuideView`, empty without guidance."""
+"""The message of step guidance: a JSON object of `runtime.pages.guide_view.GuideView`, empty without guidance."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from waychair.recordings.bags.ros_messages import make
 from waychair.ros.messages.json_text import json_text, read_json_text
-from waychair.runtime.pages.chair_port import GuideView
+from waychair.runtime.pages.guide_view import GuideView
 
 
 def guidance(view: GuideView | None) -> Any:

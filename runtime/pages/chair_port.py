@@ -15,6 +15,7 @@ import numpy as np
 from waychair.control.haptics.next_door import DoorSide
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.runtime.pages.perception_view import PerceptionView
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import LocalisationState
@@ -46,27 +47,6 @@ class Hindrance:
     stop_id: str
     sentence: str
     remedy: str
-
-
-@dataclass(frozen=True, slots=True)
-class GuideView:
-    """Step guidance as a page shows it.
-
-    `kind` of movement, `sentence` about it, `said`: the sentence spoken last, `count`: how many have been spoken. `bearing`
-    [rad] of the way ahead from the chair's heading, left positive; `left` [m] of the movement. `level` of prompting.
-    `offers`: the chair may be asked to drive.
-    """
-
-    goal: str
-    kind: str = ""
-    sentence: str = ""
-    said: str = ""
-    count: int = 0
-    bearing: float = 0.0
-    left: float = 0.0
-    level: int = 0
-    arrived: bool = False
-    offers: bool = False
 
 
 @dataclass(frozen=True, slots=True)

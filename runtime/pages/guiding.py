@@ -16,7 +16,8 @@ from waychair.control.safety.supervisor import deflection_of
 from waychair.planning.building.guided_ways import GuidedWays
 from waychair.planning.movements import MovementKind
 from waychair.runtime.chair import ChairState
-from waychair.runtime.pages.chair_port import ChairView, GuideView
+from waychair.runtime.pages.chair_port import ChairView
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.runtime.rider.habits import Habits
 from waychair.runtime.rider.sentences import GUIDED, GUIDED_THERE, guiding_sentence, spoken_sentence
 from waychair.slam.localising.localisation import LocalisationState

@@ -58,6 +58,7 @@ def _shortened(clouds: bool) -> Messages:
     return Messages(2, sorted(kept, key=lambda event: event.log_ns))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.messages], ids=lambda fault: fault.name)
 def test_a_fault_of_messages_changes_them_and_a_seed_does_the_same_again(fault: RecordingFault) -> None:
     assert fault.messages is not None

@@ -93,6 +93,7 @@ def test_a_fitted_calibration_drives_the_chair_too(board_program: Path) -> None:
         assert link.lines.forward_mv == pytest.approx(1000 * sent.forward_volts, abs=1)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("speeds", "age_ms", "reason"),
     [

@@ -30,6 +30,7 @@ def test_no_random_life_gives_more_than_the_stick_or_widens_a_lost_guard(proof: 
     assert done.guarded > 500_000
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("file", "right", "wrong"),
     [

@@ -135,6 +135,7 @@ def test_a_drive_that_begins_outside_of_the_map_is_joined_where_it_meets_the_map
     assert both.report["grid"]["known_m2"] > one.report["grid"]["known_m2"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("days", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_day_after_day_the_map_does_not_grow(
     drive: Drive, folder: Path, day_one: tuple[Path, Mapping, Trajectory], days: int
@@ -225,6 +226,7 @@ def refusals(drive: Drive) -> dict[str, tuple[Recording, MappingSettings, str]]:
     }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("why", ["another building", "another laser", "another height", "pictures alone", "no scan"])
 def test_a_drive_that_cannot_be_joined_is_refused_and_the_map_stays_unchanged(
     drive: Drive, folder: Path, why: str

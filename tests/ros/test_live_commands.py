@@ -91,6 +91,7 @@ def test_a_place_that_is_added_while_the_chair_runs_is_known_to_it(stack: LiveSt
     stack.until(lambda: "annex" in stack.client.places(), "the new place")
 
 
+@pytest.mark.nightly
 def test_ctrl_c_of_goto_says_that_the_chair_drives_on_or_cancels_the_drive(stack: LiveStack) -> None:
     for more, ends, words in (((), False, "DRIVES ON"), (("--cancel-on-exit",), True, "was cancelled")):
 

@@ -207,6 +207,7 @@ def test_a_drive_ends_when_its_last_page_is_closed(stack: LiveStack, port: int) 
     assert said.startswith("no page with a Stop button answers")
 
 
+@pytest.mark.nightly
 def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -> None:
     sets_off(stack, page, lambda: moves(page))
     server = stack.pids["page"]

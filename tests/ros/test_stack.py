@@ -307,6 +307,7 @@ def test_another_goal_ends_the_present_drive_and_waits_for_its_own_confirmation(
     assert stack.client.cancel() == (True, "cancelled")
 
 
+@pytest.mark.nightly
 def test_a_confirmation_of_a_replaced_goal_is_refused(stack: LiveStack) -> None:
     goal = far_from(stack)
     shown = stack.ask(goal)
@@ -384,6 +385,7 @@ def test_a_delayed_node_ends_the_drive_and_needs_no_reset(stack: LiveStack, name
     assert stack.state.ready or {stop_id for stop_id, _ in stack.state.halts} == {"board_host_silent"}
 
 
+@pytest.mark.nightly
 def test_a_dead_simulator_gives_one_clear_diagnostic(stack: LiveStack) -> None:
     reports = SeenMessages()
     stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)

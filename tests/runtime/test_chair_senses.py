@@ -77,6 +77,7 @@ def test_the_depth_camera_sees_a_pit_across_the_way_and_the_chair_stops_before_i
     assert 4.0 < front < 6.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("dead_band", [0.071, 0.118])
 @pytest.mark.parametrize("heading", [0.08, -0.15])
 def test_small_turns_end_at_any_dead_band_of_the_turn_axis(dead_band: float, heading: float) -> None:

@@ -14,7 +14,7 @@ from tests.runtime.riding import START, Ride
 from waychair.firmware_bridge.protocol import Holder
 from waychair.maps.building.hgraph import Arc, GraphDoorway, HGraph, Node, NodeKind, Storey, SubMap
 from waychair.planning.building.guided_ways import GuidedWays
-from waychair.runtime.pages.chair_port import GuideView
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.runtime.pages.guiding import Guide, guided_chair
 from waychair.runtime.rider.habits import DecisionRow, DriveRow, Habits
 from waychair.types import DriveMode

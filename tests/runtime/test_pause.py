@@ -63,6 +63,7 @@ def test_without_a_drive_there_is_nothing_to_pause_and_without_a_pause_nothing_t
         assert ride.tick().navigation.stage is Stage.DRIVING
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("ends", ["the rider's joystick", "Stop", "cancel"])
 def test_stop_joystick_and_cancel_end_a_paused_drive_for_good(ends: str) -> None:
     with Ride() as ride:

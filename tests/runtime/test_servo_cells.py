@@ -108,6 +108,7 @@ def test_a_chair_without_such_a_camera_gives_it_no_orders() -> None:
     assert done.done.ports["grant"].eo is None
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("faults", "sentence"),
     [

@@ -59,6 +59,7 @@ def test_one_push_is_one_contact_and_a_second_one_after_backing_away_is_another(
         assert not simulator.in_contact
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 def test_random_driving_in_the_clinic_never_puts_the_axle_through_a_wall(body: ChairBody) -> None:
     settings = SimulatorSettings(plant_model="mujoco", lidar=LidarSettings(beams=2))

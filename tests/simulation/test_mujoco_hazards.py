@@ -58,6 +58,7 @@ RAMP = World(
 """A ramp of 1:12 that begins 1.2 m ahead, and a landing."""
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["A", "B", "A_mid", "A_front"])
 def test_every_chair_drives_up_a_ramp_of_1_in_12_and_holds_nine_tenths_of_its_speed(name: str) -> None:
     chair = _chair(RAMP, CHAIRS[name])

@@ -115,6 +115,7 @@ def test_a_chair_that_backs_away_from_a_wall_is_free_again_and_may_touch_again()
         assert simulator.clearance() > CONTACT_ENDS
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 def test_random_driving_never_puts_the_chair_into_a_wall(body: ChairBody) -> None:
     simulator = Simulator(load_world("small_clinic"), body, SimulatorSettings(lidar=LidarSettings(beams=2)))

@@ -44,6 +44,7 @@ def test_every_place_and_the_start_have_room_for_a_chair_to_turn_round(name: str
             assert not in_contact(solid, body, Pose2(pose.x, pose.y, float(theta)))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("name", "level"), ROUTES)
 def test_chair_a_drives_every_worlds_mapping_route_without_contact(name: str, level: str) -> None:
     world = load_world(name, level).without_people()

@@ -168,6 +168,7 @@ def test_invalid_requests_are_refused_with_advice(tmp_path: Path, data_dir: Path
         run_worlds(worlds_in(tmp_path), TASK)
 
 
+@pytest.mark.nightly
 def test_the_command_prints_the_figures_of_the_benchmark_as_json(
     data_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

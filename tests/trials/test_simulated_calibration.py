@@ -45,6 +45,7 @@ def test_the_neutral_is_read_to_two_millivolts() -> None:
         assert measured_neutral(PLANT, seed) == pytest.approx([PLANT.neutral_volts] * 2, abs=0.002)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("mapped", "close"), [(False, 0.001), (True, 0.004)])
 def test_wheels_and_track_are_found_from_a_square_in_both_directions(mapped: bool, close: float) -> None:
     uneven = replace(PLANT, left_wheel_scale=1.006, right_wheel_scale=0.996, track_scale=1.01)

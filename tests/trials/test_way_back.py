@@ -31,6 +31,7 @@ def turns_round(route: FloatArray, seed: int) -> bool:
     return False
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_the_rider_drives_on_to_a_place_with_room_to_turn(seed: int) -> None:
     assert turns_round(return_route(load_world(WORLD)), seed)

@@ -53,6 +53,7 @@ def pixels(world: World, colour: str) -> int:
     return int(np.all(np.abs(rgb - np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)) < 12, axis=2).sum())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("changed", "colour"),
     [

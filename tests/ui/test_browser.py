@@ -93,6 +93,7 @@ def pressed(page: Page, way: str) -> float:
     return float(at) + 1e3 * steady_from_wall
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("way", ["pointer", "Space", pytest.param("Escape", marks=pytest.mark.nightly)])
 def test_stop_releases_the_lines_within_a_tenth_of_a_second(
     browser: Browser, port: Noted, address: str, way: str
@@ -159,6 +160,7 @@ def test_the_chair_comes_to_rest_when_the_last_page_is_closed(browser: Browser, 
     assert "page" in port.view().last_stop
 
 
+@pytest.mark.nightly
 def test_a_hidden_page_does_not_count(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         set_off(page, port, put_place(port, 3.0))
@@ -210,6 +212,7 @@ def test_the_chair_comes_to_rest_when_the_server_is_killed(browser: Browser, por
     assert "page" in port.view().last_stop
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("how", ["keys", "pad", pytest.param("button", marks=pytest.mark.nightly)])
 def test_the_page_s_joystick_drives_while_it_is_held(browser: Browser, port: Noted, address: str, how: str) -> None:
     with ready_page(browser, address) as page:
@@ -231,6 +234,7 @@ def test_the_page_s_joystick_drives_while_it_is_held(browser: Browser, port: Not
         until(lambda: rests(port.view()) and not port.view().steered, "the chair goes on")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", ["window.dispatchEvent(new Event('blur'))", "document.getElementById('stick').blur()"])
 def test_a_page_without_focus_releases_the_joystick(browser: Browser, port: Noted, address: str, what: str) -> None:
     with ready_page(browser, address) as page:

@@ -12,7 +12,8 @@ from tests.ui.driving import page_at, pose_of, ready_page, until
 from tests.ui.noted import Noted
 from tests.ui.test_menu import FRAMED, LABELS, choose, menu, menu_page
 from tests.ui.test_one_switch import scanned, take
-from waychair.runtime.pages.chair_port import ChairView, GuideView
+from waychair.runtime.pages.chair_port import ChairView
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.trials.live.live_building import live_building
 from waychair.trials.live.live_chair import LiveChair
 from waychair.ui.server import page_server
@@ -54,6 +55,7 @@ def guided(port: Noted) -> Guided:
     return Guided(port.port)
 
 
+@pytest.mark.nightly
 def test_one_switch_begins_and_ends_guidance_and_chooses_its_level(browser: Browser, port: Noted) -> None:
     from axe_playwright_python.sync_playwright import Axe
 

@@ -80,6 +80,7 @@ def menu(page: Page, title: str) -> list[str]:
     return page.evaluate(LABELS)  # type: ignore[no-any-return]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "method",
     ["auto", "step", "inverse", *(pytest.param(each, marks=pytest.mark.nightly) for each in ("single", "direct"))],
@@ -139,6 +140,7 @@ def test_the_first_press_of_a_moving_chair_is_stop_and_takes_nothing_else(
         assert not building.named("cancel")
 
 
+@pytest.mark.nightly
 def test_the_menu_sets_its_own_options_and_they_last(browser: Browser, building: WithGoals) -> None:
     kept = "JSON.parse(localStorage.getItem('menu'))"
     with menu_page(browser, building, "step") as page:

@@ -20,8 +20,9 @@ from waychair.ros.messages.guidance import guidance
 from waychair.ros.messages.motion import read_odometry
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.journey_plan import known_building
-from waychair.runtime.pages.chair_port import ChairView, GuideView, PortAnswer
+from waychair.runtime.pages.chair_port import ChairView, PortAnswer
 from waychair.runtime.pages.drawing_port import NO_GUIDE
+from waychair.runtime.pages.guide_view import GuideView
 from waychair.runtime.pages.guiding import Guide, guided_chair_of_view
 from waychair.topics import COMMAND
 from waychair.types import Odometry, Pose2

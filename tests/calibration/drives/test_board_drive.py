@@ -40,6 +40,7 @@ def rig(program: Path) -> Iterator[BoardRig]:
         yield rig
 
 
+@pytest.mark.nightly
 def test_a_chair_calibrated_through_its_board_follows_its_commands(rig: BoardRig) -> None:
     with rig.drive(limits=DriveLimits(max_distance=12.0)) as drive:
         drive.arm()

@@ -38,6 +38,7 @@ def fit(chair: ChairUnderTest) -> DacFit:
     return calibrate_dac(chair, SHORT, ENOUGH)
 
 
+@pytest.mark.sampled(1)
 def test_a_calibrated_chair_follows_commands_better_than_with_the_linear_model(fit: DacFit) -> None:
     commands = command_grid()[::2]
     fitted, linear = (inverse_error(model, PLANT, CHAIR_A, commands) for model in (fit.model, DEFAULT))

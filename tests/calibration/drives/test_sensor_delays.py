@@ -42,6 +42,7 @@ def calibrated(simulator: Simulator, late: SensorDelays, seconds: float, seed: i
     return calibrator.result()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("seed", "plant", "lidar_ms", "wheels_ms"),
     [(0, "kinematic", 0, 80), (1, "kinematic", 80, 0), (3, "mujoco", 61, 12)],

@@ -54,6 +54,7 @@ def test_footrests_within_the_outline_refuse_the_drive_and_offer_the_mask() -> N
         assert "on the right and the left" in named.text or "on the left and the right" in named.text
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("beyond", "stop_ids"), [(0.02, {"near_parts_stay", "own_parts"}), (0.05, {"own_parts"})])
 def test_footrests_just_outside_it_are_told_of_while_the_drive_waits_and_proven_by_the_first_motion(
     beyond: float, stop_ids: set[str]

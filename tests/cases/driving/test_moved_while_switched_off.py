@@ -12,6 +12,7 @@ from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import Pose2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "kept",
     [Pose2(9.5, 3.9, 2.2), Pose2(6.0, 2.5, 1.2), Pose2(2.0, 2.5, 1.5)],

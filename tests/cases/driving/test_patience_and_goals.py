@@ -49,6 +49,7 @@ def test_to_a_goal_just_behind_it_the_chair_backs_without_a_turn(back: float, to
     assert way(poses) < back + 0.1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("aside", [(0.0, 0.3, 0.0), (0.1, -0.2, 1.0), (-0.2, 0.2, math.pi), (0.3, 0.3, -2.0)])
 def test_to_a_goal_beside_it_the_chair_turns_once_at_most(aside: tuple[float, float, float]) -> None:
     pilot, start = navigator(hall()), Pose2(5.0, 4.0, 0.7)
@@ -75,6 +76,7 @@ def test_a_chair_in_its_goals_place_only_turns() -> None:
     assert turned(poses) < 190.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("before", [0.1, 0.5, 1.5])
 def test_after_a_pause_near_the_goal_the_chair_turns_no_further_than_without(before: float) -> None:
     pilot, goal = navigator(hall()), Pose2(5.0, 2.0, 1.0)
@@ -94,6 +96,7 @@ def test_after_a_pause_near_the_goal_the_chair_turns_no_further_than_without(bef
     assert turned([*poses, *part[1:]]) < turned(without) + 20.0
 
 
+@pytest.mark.nightly
 def test_a_chair_that_does_not_move_says_why_and_for_how_long_from_the_second_second_on() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
@@ -110,6 +113,7 @@ def test_a_chair_that_waits_says_for_what_and_for_how_long() -> None:
     assert "for up to 120 s" in states[-1].reason
 
 
+@pytest.mark.nightly
 def test_a_door_that_is_shut_for_a_minute_is_waited_for_and_driven_through() -> None:
     pilot = navigator(hall((6.0, 0.0, 6.1, 3.4), (6.0, 4.6, 6.1, 8.0)))
     pilot.go(Goal(Pose2(9.0, 4.0, 0.0)))

@@ -48,6 +48,7 @@ def ended(wrong: Wrong, goal: Goal = FAR) -> tuple[ChairState, Ride]:
         return state, ride
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

@@ -83,6 +83,7 @@ CASES: dict[str, tuple[ImuFault, tuple[AidPart, AidState, Cause]]] = {
 BY_DAY = ("degrees", "bias", "zeros", "upside down", "no gravity", "leaning")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", [*BY_DAY, *(pytest.param(name, marks=pytest.mark.nightly) for name in CASES if name not in BY_DAY)]
 )
@@ -158,6 +159,7 @@ def test_an_unknown_acceleration_shows_no_slip() -> None:
     assert speed == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("size", [15.0, 1e3, 1e8])
 def test_single_wild_samples_are_left_out_by_name_and_the_map_stays_right(size: float) -> None:
     def wild(sound: Imu) -> Imu:

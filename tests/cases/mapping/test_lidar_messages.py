@@ -44,6 +44,7 @@ def test_a_sound_recording_maps_and_nothing_is_found(tmp_path: Path) -> None:
     assert mapped_error(recording, drive) < ACCURATE
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("nothing", "told_most"), [(3.0, 3.0), (2.99, 3.0), (6.51, 10.0), (2.0, 10.0), (3.0, 0.0)])
 def test_a_value_that_very_many_beams_share_is_a_code_for_nothing(
     tmp_path: Path, nothing: float, told_most: float
@@ -56,6 +57,7 @@ def test_a_value_that_very_many_beams_share_is_a_code_for_nothing(
     assert mapped_error(recording, drive) < 0.06
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("step", [0.001, 0.01, 0.05])
 def test_rounded_ranges_of_walls_are_no_codes(tmp_path: Path, step: float) -> None:
     drive = write_scans(tmp_path / "drive", replaced(ranges=lambda ranges: np.round(ranges / step) * step))
@@ -71,6 +73,7 @@ def test_a_chair_that_only_stands_has_no_codes(tmp_path: Path) -> None:
     assert kinds(read_recording(tmp_path / "drive")) == []
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("change", "kind"),
     [
@@ -124,6 +127,7 @@ def test_a_mirrored_field_of_view_is_settled_by_the_motion_or_refused_by_name(tm
         read_recording(tmp_path / "unknown")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "change",
     [
@@ -154,6 +158,7 @@ def every_third(change: Change) -> Change:
     return lambda number, told: change(number, told) if number % 3 == 0 else told
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "change",
     [
@@ -211,6 +216,7 @@ POINT_TIMES = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [*POINT_TIMES, "none"])
 def test_a_flat_cloud_is_the_scan_of_a_planar_lidar_and_its_beams_have_times(tmp_path: Path, name: str) -> None:
     drive = write_clouds(tmp_path / "drive", time=POINT_TIMES.get(name))
@@ -221,6 +227,7 @@ def test_a_flat_cloud_is_the_scan_of_a_planar_lidar_and_its_beams_have_times(tmp
     assert mapped_error(recording, drive, (0.15, 0.0)) < ACCURATE
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", POINT_TIMES)
 def test_points_of_a_cloud_in_space_are_put_right_by_their_times(tmp_path: Path, name: str) -> None:
     rings = tuple(np.radians([-9.0, -3.0, 1.0, 7.0]).tolist())
@@ -233,6 +240,7 @@ def test_points_of_a_cloud_in_space_are_put_right_by_their_times(tmp_path: Path,
 RINGS = tuple(np.radians([-15.0, 0.0, 15.0]).tolist())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rings", [(0.0,), RINGS], ids=["flat", "in space"])
 @pytest.mark.parametrize(("scale", "unit"), [(100.0, "centimetres"), (1e3, "millimetres"), (39.37, "inches")])
 def test_the_motion_tells_the_unit_of_clouds(tmp_path: Path, scale: float, unit: str, rings: tuple[float, ...]) -> None:
@@ -279,6 +287,7 @@ def test_a_cloud_outside_the_band_of_heights_is_refused_with_the_words_that_fit(
         read_recording(tmp_path / "drive")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("field", ["width", "height", "point_step", "row_step"])
 def test_a_cloud_whose_size_does_not_fit_its_data_is_left_out_before_memory_is_taken(
     tmp_path: Path, field: str
@@ -296,6 +305,7 @@ def test_a_cloud_whose_size_does_not_fit_its_data_is_left_out_before_memory_is_t
     assert mapped_error(recording, drive) < ACCURATE
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("noise", "near"), [(0.012, 0.25), (0.03, 0.25), (0.02, 0.15)])
 def test_a_near_surface_beside_a_dense_lidar_does_not_hold_the_chair_back(
     tmp_path: Path, noise: float, near: float

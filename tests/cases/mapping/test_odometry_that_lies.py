@@ -98,6 +98,7 @@ def test_sound_aids_are_used_as_they_are() -> None:
     assert error_of(recording, truth)[0] < GOOD
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("fault", "cause", "words"),
     [
@@ -125,6 +126,7 @@ def test_a_step_that_no_chair_drives_is_no_motion(fault: WheelFault, cause: Caus
     assert words in told["text"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("fault", "part", "state", "cause"),
     [

@@ -109,6 +109,7 @@ def test_the_command_takes_the_parts_and_its_report_names_them(tmp_path: Path) -
     assert f"{SCANS} scans over 4 m" in done.stdout, done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("ending", "packed"),
     [(".gz", gzip.compress), (".bz2", bz2.compress), (".xz", lzma.compress), (".zst", zstd.compress)],
@@ -121,6 +122,7 @@ def test_packed_bags_and_parts_are_read(tmp_path: Path, ending: str, packed: Any
     assert is_whole(read_recording(sorted((tmp_path / "drive").iterdir())))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "packed",
     [

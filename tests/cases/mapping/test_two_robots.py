@@ -92,6 +92,7 @@ def chosen(**topics: str | tuple[str, ...]) -> InputSettings:
     return InputSettings(bag=BagSettings(**topics))  # type: ignore[arg-type]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("topics", "frames", "tf"),
     [

@@ -434,6 +434,7 @@ def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
     return nearest, speed
 
 
+@pytest.mark.nightly
 def test_people_who_cross_are_predicted_and_pass_first(monkeypatch: pytest.MonkeyPatch) -> None:
     foreseen, _ = crossing(navigator(hall()))
     blind = replace(tracks.PEOPLE, walking=2.0, displacement=5.0)
@@ -469,6 +470,7 @@ def test_the_chair_passes_an_oncoming_person_in_a_corridor_on_its_right(begin: f
     assert abs(poses[-1].y - 4.0) < 0.15
 
 
+@pytest.mark.nightly
 def test_the_chair_passes_somebody_who_turns_round_and_comes_back_along_its_own_side_on_the_other() -> None:
     states, poses = in_a_corridor(lambda s: (10.5 - 0.7 * abs(s - 4.0), 3.5), 30.0)
     assert states[-1].stage is Stage.ARRIVED

@@ -14,6 +14,7 @@ from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), (CHAIR_A, 1), (CHAIR_B, 2)])
 def test_beams_on_legs_are_masked_and_few_others(body: ChairBody, seed: int) -> None:
     settings = with_legs(SimulatorSettings())

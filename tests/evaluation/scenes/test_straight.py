@@ -52,6 +52,7 @@ def until_fault(drive: LoopDrive, command: Twist, seconds: float) -> tuple[float
     return seconds, ""
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_eight_bits_and_an_uncalibrated_asymmetry_still_drive_ten_metres_straight(seed: int) -> None:
     plant = randomised(PLANT, seed)
@@ -166,6 +167,7 @@ def test_a_slightly_turned_speed_dial_slows_the_chair() -> None:
     assert drive.measured.v == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(20))
 def test_an_unchanged_chair_gives_no_false_alarm(seed: int) -> None:
     drive = drive_of(randomised(PLANT, seed))

@@ -42,6 +42,7 @@ def test_a_chair_parked_in_a_corner_leaves_it_without_a_contact() -> None:
     assert result.min_clearance_m > 0.005
 
 
+@pytest.mark.nightly
 def test_a_chair_without_room_names_the_side_and_stays_in_place() -> None:
     scene = parked_scene("nose in", B["rear"], 0)
     touching = Pose2(4.2 - 0.004 - scene.body.front, 0.2 + 0.02 + scene.body.width / 2, 0.0)

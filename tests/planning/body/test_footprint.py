@@ -76,6 +76,7 @@ def halved(x: float, y: float, a: float, b: float) -> list[tuple[tuple[float, ..
     return [((x, y, math.hypot(a, b), min(a, b)), 1 + len(below)), *below]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 @pytest.mark.parametrize(("margin", "cell"), [(0.0, 0.05), (0.03, 0.02), (-0.01, 0.01)])
 def test_the_discs_equal_those_of_plain_halving(body: ChairBody, margin: float, cell: float) -> None:

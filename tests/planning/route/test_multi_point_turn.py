@@ -57,6 +57,7 @@ def test_a_multi_point_turn_in_a_dead_end_touches_nothing_and_can_be_driven(body
     assert np.hypot(*steps[:, :2].T).max() < 0.06 or len(poses) < 20
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
 def test_from_any_start_the_chair_looks_along_the_way_that_it_drives(body: ChairBody) -> None:
     """Consecutive turns in several steps add up; with one lost, the path would continue across the chair."""
@@ -147,6 +148,7 @@ def test_a_door_at_the_edge_of_the_scan_is_opened_as_far_as_it_is_seen(x: float)
     np.testing.assert_array_equal(seen.metres > 0.0, opened)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("part", [1, 37, 800])
 def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_than_its_limit(
     part: int, monkeypatch: pytest.MonkeyPatch

@@ -151,6 +151,7 @@ def test_a_laser_without_light_is_named_where_other_sensors_see_something_near(c
     assert not any(len(each.points) or each.fault for each in alone)  # nothing is known to be there
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("lidar", "pan"), [(True, 80.0), (False, 20.0), (False, 80.0)])
 def test_a_stuck_pan_that_reports_its_order_is_named(clinic: World, lidar: bool, pan: float) -> None:
     rig = Rig(clinic, SOUND, lidar)

@@ -71,6 +71,7 @@ def drive(grid: OccupancyGrid, start: Pose2, goal: Pose2, ticks: int = 900) -> t
     return result, pose, sent
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi])
 def test_the_chair_drives_through_an_opening_to_the_pose_of_the_goal(heading: float) -> None:
     wall = ((5, 0, 5.15, 3.4), (5, 4.6, 5.15, 8))
@@ -100,6 +101,7 @@ def test_the_chair_drives_straight_through_an_80_cm_door_in_front_of_it() -> Non
     assert pose.y == pytest.approx(4.0, abs=0.02)
 
 
+@pytest.mark.nightly
 def test_in_a_u_the_window_alone_gets_stuck_and_with_dstar_lite_it_does_not() -> None:
     """Section 2.3 of the source paper."""
     trap = hall(((6.5, 2.5, 6.7, 5.5), (4.5, 5.5, 6.7, 5.7), (4.5, 2.3, 6.7, 2.5)))

@@ -85,6 +85,7 @@ simulator_node.main()
 """
 
 
+@pytest.mark.nightly
 def test_a_slow_start_makes_no_stamp_older(ros: Harness) -> None:
     heard, ages = ros.heard(topics.JOINTS, "/slow/joint_states"), list[int]()
 

@@ -112,6 +112,7 @@ def test_of_two_chairs_that_see_each_other_in_a_run_exactly_one_backs_out_and_on
     assert one._waits_until_ms >= LETS_PASS_MS
 
 
+@pytest.mark.nightly
 def test_a_chair_that_still_drives_faces_nobody() -> None:
     driver = AloneDriver(WAYS)
     front = _section_at(_way(), 9.5)
@@ -121,6 +122,7 @@ def test_a_chair_that_still_drives_faces_nobody() -> None:
     assert driver.retreats == 0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("x", "heading", "goal"), [(9.0, 0.0, GOAL), (19.5, math.pi, START)], ids=["west", "east"])
 def test_a_chair_whose_goal_is_taken_backs_out_on_either_side(x: float, heading: float, goal: str) -> None:
     """Whoever stands in its goal leaves it only past this chair."""

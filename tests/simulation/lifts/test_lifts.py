@@ -123,6 +123,7 @@ def test_a_door_that_closes_on_the_chair_touches_it_unless_it_sees_it(levels: tu
     assert struck.lifts.view("lift").opened > 0.3  # it does not go through the chair
 
 
+@pytest.mark.nightly
 def test_passengers_are_seen_ride_and_leave(levels: tuple[World, ...]) -> None:
     simulator = at(levels, Pose2(1.5, 1.5, 0.0), passengers=2)
     assert simulator.lifts is not None

@@ -349,6 +349,7 @@ def _crowd() -> list[PersonPlan]:
     ]
 
 
+@pytest.mark.nightly
 @settings(max_examples=12)
 @given(
     st.integers(0, 2**31),

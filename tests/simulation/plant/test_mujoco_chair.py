@@ -97,6 +97,7 @@ def test_five_seconds_at_rest_creep_less_than_a_tenth_of_a_millimetre() -> None:
     assert max(abs(count) for count in drive.chair.ticks) <= 1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 @pytest.mark.parametrize(("omega", "seconds"), [(0.6, 8.0), (-0.6, 8.0), (1.0, 6.0)])
 def test_odometry_of_a_spin_is_within_five_degrees_and_the_chair_stays_where_it_turns(
@@ -230,6 +231,7 @@ def test_both_plants_share_one_controller_and_differ_by_the_effects_of_mass() ->
     assert physical[-1] == pytest.approx(0.6, rel=0.05)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["A", "B", "A_mid", "A_front"])
 def test_every_drive_type_goes_straight_at_the_same_volts_and_turns_in_place_upright(name: str) -> None:
     chair = CHAIRS[name]

@@ -203,6 +203,7 @@ def test_no_randomised_chair_has_equal_tyres_and_either_may_be_larger() -> None:
     assert 30 < sum(difference > 0.0 for difference in differences) < 70
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
 def test_odometry_of_a_loop_of_200_m_drifts_by_metres_on_every_chair(seed: int) -> None:
     chair, odometry = _chair(randomised(NOMINAL, seed), seed), OdometryFilter(CHAIR_A)

@@ -249,6 +249,7 @@ def test_a_kinematic_chair_that_fades_is_slower_after_five_minutes_at_full_speed
     assert speeds[-1] < 0.9 * max(speeds)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_every_family_moves_the_chair_differently_from_the_nominal_one(name: str) -> None:
     def way(settings: PlantSettings) -> Pose2:

@@ -32,6 +32,7 @@ def frames() -> list[RgbdFrame]:
     return [noisy(render(pose, round(k / 15 * 1e9)), k) for k, pose in enumerate(POSES)]
 
 
+@pytest.mark.sampled(1)
 def test_sensors_that_lie_apart_with_another_focal_length_are_noticed_and_estimated(
     frames: list[RgbdFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,6 +52,7 @@ def test_a_swaying_camera_is_followed_to_millimetres() -> None:
     assert 2 <= len(odometry.map.key_frames) < 20
 
 
+@pytest.mark.nightly
 def test_a_rolling_shutter_does_not_bend_the_trajectory() -> None:
     """The same motion with rows exposed one after the other: with that setting, the odometry is several times as
     exact."""

@@ -57,6 +57,7 @@ def graph_with_false_loops(false: int, group: int) -> tuple[FloatArray, list[Edg
     return true, edges, drawn
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("group", "solved_before"),
     [

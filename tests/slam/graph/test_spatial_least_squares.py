@@ -62,6 +62,7 @@ def test_exact_edges_give_the_poses_without_a_guess() -> None:
     assert problem.chi_square(start).max() < 1.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("stated", [1.0, 0.02])
 @pytest.mark.parametrize("flagged", [True, False])
 def test_a_noisy_ball_ends_at_the_best_solution_from_dead_reckoning(stated: float, flagged: bool) -> None:

@@ -71,6 +71,7 @@ def straight(start: Pose2, metres: float, step: float = 0.05) -> list[Pose2]:
     return [start @ Pose2(step * k, 0, 0) for k in range(round(metres / step))]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("start", [Pose2(1.5, 1.5, 0.0), Pose2(10.5, 7.5, math.pi), Pose2(10.3, 2.0, math.pi / 2)])
 def test_a_chair_without_a_start_finds_its_place_within_three_metres_and_reports_ok_only_there(
     flat: OccupancyGrid, start: Pose2
@@ -241,6 +242,7 @@ RING = np.array([[(0.7 + 0.5 * (k % 2)) * math.cos(a), (0.7 + 0.5 * (k % 2)) * m
 """People in two rows that hide all walls."""
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("count", [3, 6, 10])
 def test_a_chair_in_a_crowd_follows_the_visible_walls(flat: OccupancyGrid, count: int) -> None:
     localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(count)

@@ -103,6 +103,7 @@ def test_the_lidar_maps_the_legs_of_a_table_and_depth_its_top() -> None:
     assert shown["on"] > 0.35, "the half that is nearer to the way"
 
 
+@pytest.mark.nightly
 def test_both_sensors_miss_none_of_the_things_beside_the_way_and_the_lidar_all() -> None:
     world, taken, scores = place_of("basement"), drive("basement", 20.0), {}
     for use in ("off", "on"):
@@ -156,6 +157,7 @@ def of_another_day(pictures: list[RgbdFrame]) -> list[RgbdFrame]:
     return [replace(each, stamp_ns=each.stamp_ns + 10**15) for each in pictures]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

@@ -84,6 +84,7 @@ def test_without_tolerance_the_grid_is_up_to_date_if_nothing_is_pending(
     assert compared > 10
 
 
+@pytest.mark.nightly
 def test_mapping_the_recording_gives_the_same_map(drive: Drive, tmp_path: Path) -> None:
     frames, settings = drive[0], MappingSettings()
     live = LiveMapping(settings, Pose2())

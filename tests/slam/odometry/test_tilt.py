@@ -146,6 +146,7 @@ def floor_of(scan: Scan, base: Pose3, terrain: Terrain, blocks: int) -> BoolArra
     return floor & np.isfinite(scan.ranges)
 
 
+@pytest.mark.nightly
 def test_the_lean_equals_that_of_the_simulated_chair(drive: list[Seen]) -> None:
     off = [seen.tilt.pitch - math.asin(-seen.map_from_base.rotation[2, 0]) for seen in drive]
     true = [math.asin(-seen.map_from_base.rotation[2, 0]) for seen in drive]

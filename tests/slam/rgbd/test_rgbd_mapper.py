@@ -32,6 +32,7 @@ from waychair.types import Pose2, Pose3, RgbdFrame, Trajectory3
 STEP = 66_000_000
 
 
+@pytest.mark.nightly
 def test_a_piece_started_elsewhere_is_joined_when_the_camera_returns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two walls seen apart, the motion between them unseen; then the camera turns from the second to the first."""
     monkeypatch.setattr(rgbd_mapper, "LOOP_INLIERS", 25)

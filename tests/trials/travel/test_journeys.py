@@ -23,6 +23,7 @@ def levels() -> tuple[World, ...]:
     return load_levels("two_floors")
 
 
+@pytest.mark.nightly
 def test_a_chair_rides_to_another_storey_and_drives_on_there(levels: tuple[World, ...]) -> None:
     phases: list[JourneyPhase] = []
 

@@ -11,6 +11,7 @@ def hospital() -> tuple[World, ...]:
     return load_levels("hospital")
 
 
+@pytest.mark.nightly
 def test_imu_and_map_find_out_the_storey_of_every_ride(hospital: tuple[World, ...]) -> None:
     assert counts(rides(hospital, 20, seed=5)) == {"rides": 20, "right": 20, "asked": 0, "wrong": 0}
 

@@ -75,6 +75,7 @@ def test_a_second_page_is_told_and_shows_what_the_first_one_did(browser: Browser
         assert len(session.history.steps) in (1, 2)
 
 
+@pytest.mark.nightly
 def test_one_switch_adds_a_node_and_writes_its_name(browser: Browser, session: Session) -> None:
     with editor_page(browser, session) as page:
         page.evaluate("localStorage.setItem('building-switch', JSON.stringify({running: true, interval: 0.7}))")
