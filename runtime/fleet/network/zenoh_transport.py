@@ -49,7 +49,8 @@ def zenoh_settings(
     keys: KeyFiles | None = None,
     names: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return Zenoh's configuration by its own paths: no multicast, gossip, short leases, and with keys mutual TLS.
+    """Return Zenoh's configuration by its own paths: no multicast, gossip, short leases, no large messages of peers, and with
+    keys mutual TLS.
 
     With keys, only certificates of these `names` are heard, each below its own name. A peer looks for the others for ever, beside
     its work; a client has to find its router at once.
@@ -66,6 +67,15 @@ def zenoh_settings(
         "scouting/gossip/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
+        "low_pass_filter": [
+            {
+                "id": "large",
+                "flows": ["ingress"],
+                "messages": ["put", "delete", "query", "reply"],
+                "key_exprs": [f"{ROOT}/**"],
+                "size_limit": LARGEST,
+            }
+        ],
     }
     if keys is None:
         return found
@@ -119,6 +129,44 @@ def access_control(names: Sequence[str]) -> dict[str, Any]:
     }
 
 
+class _Inbox:
+    """Messages of peers until they are fetched. Those to everybody are many, and wake no thread of Python when they come.
+
+    `aside`: messages beside the peers' own.
+    """
+
+    def __init__(self, session: zenoh.Session, to_everybody: str, names: Mapping[str, int]) -> None:
+        import zenoh
+
+        self._names = names
+        self._waiting = session.declare_subscriber(to_everybody, zenoh.handlers.RingChannel(MOST_WAITING))
+        self._alone: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+        self.aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+
+    def put(self, sample: zenoh.Sample) -> str:
+        """Put in a message to this peer alone, in any thread; return its kind, empty if it is not taken in."""
+        return self._sort(sample, self._alone)
+
+    def fetch(self) -> list[tuple[int, bytes]]:
+        """Return the peers' messages since the last call: those to everybody first, as a Request counts after its State only."""
+        found: deque[tuple[int, bytes]] = deque()
+        while (sample := self._waiting.try_recv()) is not None:
+            self._sort(sample, found)
+        return [*found, *(self._alone.popleft() for _ in range(len(self._alone)))]
+
+    def fetch_aside(self) -> list[tuple[int, bytes]]:
+        """Return the messages beside the peers' own; those to everybody are among them once `fetch` has met them."""
+        return [self.aside.popleft() for _ in range(len(self.aside))]
+
+    def _sort(self, sample: zenoh.Sample, peers: deque[tuple[int, bytes]]) -> str:
+        _, _, kind, name, _ = str(sample.key_expr).split("/")
+        number = self._names.get(name)
+        if number is None:
+            return ""
+        (self.aside if kind in _ASIDE else peers).append((number, sample.payload.to_bytes()))
+        return kind
+
+
 class ZenohTransport:
     """A peer's end of a Zenoh network. Its callbacks only queue; `received` empties the queue.
 
@@ -141,14 +189,11 @@ class ZenohTransport:
         own_name = fleet.name(fleet.number)
         self._base, self._own = f"{ROOT}/{building}", own_name
         self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
-        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
-        self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
         self._urgent = threading.Event()
-        self.too_large = 0
         self.is_urgent = False
         self._session = open_session(fleet, lan, mode)
-        for to in (_EVERYBODY, own_name):
-            self._session.declare_subscriber(f"{self._base}/*/*/{to}", self._take)
+        self._inbox = _Inbox(self._session, f"{self._base}/*/*/{_EVERYBODY}", self._names)
+        self._session.declare_subscriber(f"{self._base}/*/*/{own_name}", self._take)
         self._token = self._session.liveliness().declare_token(f"{self._base}/alive/{own_name}/{_EVERYBODY}")
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
 
@@ -173,11 +218,11 @@ class ZenohTransport:
     def received(self) -> list[tuple[int, bytes]]:
         """Return what has come since the last call, with the number under which each sender was let in."""
         self.is_urgent = False
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return self._inbox.fetch()
 
     def received_aside(self) -> list[tuple[int, bytes]]:
         """Return the messages beside the peers' own that have come since the last call, with the numbers of the senders."""
-        return [self._aside.popleft() for _ in range(len(self._aside))]
+        return self._inbox.fetch_aside()
 
     def wait(self, seconds: float) -> None:
         """Return after some seconds, or at once when a Request or an Answer has come."""
@@ -195,15 +240,7 @@ class ZenohTransport:
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _take(self, sample: zenoh.Sample) -> None:
-        _, _, kind, name, _ = str(sample.key_expr).split("/")
-        number = self._names.get(name)
-        if number is None:
-            return
-        if len(sample.payload) > LARGEST:
-            self.too_large += 1
-            return
-        (self._aside if kind in _ASIDE else self._waiting).append((number, sample.payload.to_bytes()))
-        if kind in _URGENT:
+        if self._inbox.put(sample) in _URGENT:
             self.is_urgent = True
             self._urgent.set()
 
@@ -218,29 +255,21 @@ class ZenohListener:
         protocol = "tls" if keys else "tcp"
         own = f"{protocol}/127.0.0.1:0"
         settings = zenoh_settings("peer", (own,), (fleet.own_endpoint, *fleet.other_endpoints), keys, fleet.names)
-        self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
-        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
-        self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+        names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._session = _opened(settings, own)
-        self._session.declare_subscriber(f"{ROOT}/{building}/*/*/{_EVERYBODY}", self._take)
+        self._inbox = _Inbox(self._session, f"{ROOT}/{building}/*/*/{_EVERYBODY}", names)
 
     def received(self) -> list[tuple[int, bytes]]:
         """Return what has come since the last call, with the numbers of the senders."""
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return self._inbox.fetch()
+
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """Return the messages beside the peers' own that have come since the last call, with the numbers of the senders."""
+        return self._inbox.fetch_aside()
 
     def close(self) -> None:
         """Leave the network."""
         self._session.close()  # type: ignore[no-untyped-call]
-
-    def received_aside(self) -> list[tuple[int, bytes]]:
-        """Return the messages beside the peers' own that have come since the last call, with the numbers of the senders."""
-        return [self._aside.popleft() for _ in range(len(self._aside))]
-
-    def _take(self, sample: zenoh.Sample) -> None:
-        _, _, kind, name, _ = str(sample.key_expr).split("/")
-        number = self._names.get(name)
-        if number is not None and len(sample.payload) <= LARGEST:
-            (self._aside if kind in _ASIDE else self._waiting).append((number, sample.payload.to_bytes()))
 
 
 class LocalBus:
