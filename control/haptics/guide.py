@@ -110,6 +110,10 @@ OPEN = StickHold()
 """A word's hold of the stick until the tick's own is known."""
 
 
+_SIDE: Mapping[Symbol | None, float] = {Symbol.SWIVEL_LEFT: 1.0, Symbol.SWIVEL_RIGHT: -1.0}
+"""The side to which a swivel turns; one that was said keeps its side where either way round is about as long."""
+
+
 class _Tick:
     """One tick of the guide."""
 
@@ -193,9 +197,9 @@ class _Tick:
     def _turn(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         omega = self.now.twist.omega
         error = wrap_angle(state.heading - self.now.pose.theta)
-        planned = self.plan.steps[state.step].turn
-        if abs(error) > ABOUT and planned and state.said not in SWIVELS:
-            error = error if error * planned > 0.0 else error + math.copysign(math.tau, planned)
+        side = _SIDE.get(state.said, self.plan.steps[state.step].turn)
+        if abs(error) > ABOUT and error * side < 0.0:
+            error += math.copysign(math.tau, side)
         after = self._after_turn(state)
         swivel = Symbol.SWIVEL_LEFT if error > 0.0 else Symbol.SWIVEL_RIGHT
         left = abs(error)

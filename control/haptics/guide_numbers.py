@@ -90,7 +90,7 @@ SWIVELS = (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
 NUDGES = (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT)
 
 ABOUT = math.radians(150.0)
-"""rad; from here on a turn may go either way round: the plan's side counts."""
+"""rad; from here on a turn may go either way round: the side that was said counts, and before that the plan's."""
 
 NUDGED_S, NUDGING_S = 0.35, 0.5
 """s; a nudge is done so long after its effect began, and its turn is spread over the second."""

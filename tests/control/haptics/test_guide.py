@@ -201,6 +201,23 @@ def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
     assert holds == {0.3: 0.0, 1.2: 0.0, 1.5: ALL}
 
 
+def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> None:
+    about = Step(StepKind.STRAIGHT, Pose2(0.0, 0.0, math.pi), Pose2(-2.0, 0.0, math.pi), room=0.3)
+    guide, plan = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), with_pivots(Pose2(), [about], None)
+    for side, symbol in ((1.0, Symbol.SWIVEL_LEFT), (-1.0, Symbol.SWIVEL_RIGHT)):
+        state, asked = GuideState(step=0, phase=LeadingPhase.TURN, heading=math.pi, said=symbol), []
+        for tick in range(1, 200):
+            askew = 0.05 * side * (-1.0) ** (tick // 20)  # the chair twitches, and does not turn
+            inputs = GuideInputs(tick * 50_000_000, Pose2(0.0, 0.0, askew), Twist())
+            word, state = guide.step(plan, state, inputs)
+            asked += [] if word.advice is None else [word.advice.symbol]
+            if word.advice is not None and word.advice.symbol is Symbol.BACK:
+                break
+        swivels = [each for each in asked if each in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)]
+        assert len(swivels) > 1
+        assert set(swivels) == {symbol}
+
+
 def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
     door = DoorPassage(Pose2(3.0, 0.0, 0.0), 0.8)
     begin = Pose2(1.6, 0.22, 0.0)  # close before the door and 22 cm beside its axis
