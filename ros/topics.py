@@ -129,6 +129,9 @@ GUARD = RosTopic("guard", "waychair_msgs/msg/Guard", RELIABLE, BASE_FRAME)
 UNSCANNED = RosTopic("guard/unscanned", "std_msgs/msg/String", RELIABLE, MAP_FRAME)
 """Drop-offs and things near the chair that no scan shows, for the guard: a JSON object of `runtime.rider.guard_points.GuardPoints`."""
 
+SEEN_WALLS = RosTopic("guard/seen_walls", "std_msgs/msg/String", RELIABLE, ODOM_FRAME)
+"""Walls near a chair whose rider is led without a map, for the guard: `GuardPoints` as JSON, which are behind the chair by now."""
+
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
 FLOOR = RosTopic("floor", "waychair_msgs/msg/Floor", LATCHED, MAP_FRAME)

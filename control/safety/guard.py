@@ -74,6 +74,10 @@ class Unscanned:
         here = map_from_base.inverse()
         return Unscanned(*(transform_points(here, points) for points in (self.drops, self.things, self.mapped)))
 
+    def with_mapped(self, points: FloatArray) -> Unscanned:
+        """Return these points and more mapped ones (N, 2) [m], in the same frame."""
+        return Unscanned(self.drops, self.things, np.concatenate([self.mapped, points]))
+
     def near(self, at: tuple[float, float] = (0.0, 0.0), beyond: float = 0.0) -> Unscanned:
         """Return the points that matter to the next stop of a chair within `beyond` [m] of a place, by default base."""
 

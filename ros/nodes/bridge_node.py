@@ -7,7 +7,8 @@
 | localisation | for slow zones; a chair that is not localised does not drive |
 | floor | the map in use; no drive while a node has another one, or while the storey is not certain |
 | stop | the rider's Stop |
-| guard/unscanned, haptics/state | for the guard: what no scan shows, and the guide's cap ahead before a door |
+| guard/unscanned, guard/seen_walls | for the guard: what no scan shows, and walls that were seen on a way without a map |
+| haptics/state | for the guard: the guide's hold of the stick |
 | page_joystick, page_watch, layout_changed | from a page: its joystick, its heartbeat, changed zones |
 
 | sends | |

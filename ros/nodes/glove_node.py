@@ -10,6 +10,7 @@
 | sends | |
 |---|---|
 | haptics/state | the glove, the present step, the last symbol and the reason if it was not felt, as a page shows them |
+| guard/seen_walls | to the bridge: walls near a chair whose rider is led without a map, in odom |
 
 Services: `haptics/lead` (waychair_msgs/Lead: a place of the map), `haptics/lead_through` (waychair_msgs/LeadThrough: the next
 doorway on a side, without a map), `haptics/end`, `haptics/say_again`, `haptics/say_where`
@@ -44,7 +45,7 @@ from waychair.runtime.haptics.teller import Teller
 from waychair.topics import COMMAND
 
 _SHOWN_EVERY = 4
-"""Ticks from one message of haptics/state to the next while nothing is said."""
+"""Ticks from one message of haptics/state to the next while nothing is said, and of walls that were seen."""
 
 _MOST_WAITING = 8
 """Most pieces of advice that wait; beyond them the oldest is dropped."""
@@ -109,6 +110,8 @@ class GloveNode(ChairNode[GloveNodeSettings]):
         count = self._state.count
         self._state = self._rider.step(now_ns, self._wanted)
         self._ticks += 1
+        if self._ticks % _SHOWN_EVERY == 0:
+            self._rider.tell_walls()
         if self._state.count > count or self._ticks % _SHOWN_EVERY == 0:
             self._send_state(haptic_state(self._state))
 

@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.cell_advice import CellMemory, cell_advice
 from waychair.control.haptics.guidance import GuideInputs, GuideWord, StickHold
@@ -30,7 +28,7 @@ from waychair.runtime.haptics.session_log import SessionCounter
 from waychair.runtime.haptics.step_leader import StepLeader
 from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, ToldAdvice
 from waychair.runtime.haptics.where import where_words
-from waychair.types import HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
+from waychair.types import FloatArray, HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
 
 LOST = "the chair does not know where it is: stop, and wait until it does"
 """Reason of the warning to a rider who is led when the pose is lost."""
@@ -163,10 +161,14 @@ class HapticGuide:
 
     def with_seen(self, known: Unscanned, odom_from_base: Pose2) -> Unscanned:
         """Return what no scan shows, in base, with the walls that were seen on a way without a map: they may be behind by now."""
+        walls = self.seen_walls(odom_from_base, BLIND_WITHIN)
+        return known if walls is None else known.with_mapped(transform_points(odom_from_base.inverse(), walls))
+
+    def seen_walls(self, odom_from_base: Pose2, within: float) -> FloatArray | None:
+        """Return what was seen occupied on a way without a map, points (N, 2) [m] in odom near the chair; None on no such way."""
         if self._unmapped is None or self.leader.goal is None:
-            return known
-        seen = transform_points(odom_from_base.inverse(), self._unmapped.ground.walls(odom_from_base, BLIND_WITHIN))
-        return replace(known, mapped=np.concatenate([known.mapped, seen]))
+            return None
+        return self._unmapped.ground.walls(odom_from_base, within)
 
     def redraw(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> None:
         """Take another map; the steps are planned anew on it."""

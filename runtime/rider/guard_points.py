@@ -16,12 +16,15 @@ SENT_BEYOND = 1.0
 STALE_NS = 1_000_000_000
 """ns; points told longer ago are not those round the chair any more."""
 
+IN_ODOM = -1
+"""In the place of the map's revision: the points are in odom."""
+
 _Points: TypeAlias = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class GuardPoints:
-    """Points near a chair [m], in the map of a revision: drop-offs, other things that no scan shows, and what the map shows."""
+    """Points near a chair [m], in the map of a revision or in odom: drop-offs, other things that no scan shows, and what the map shows."""
 
     stamp_ns: int
     revision: int

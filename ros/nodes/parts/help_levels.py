@@ -22,7 +22,7 @@ from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import Localised
 from waychair.runtime.drive_base import DriveBase
 from waychair.runtime.haptics.haptic_state import HapticState
-from waychair.runtime.rider.guard_points import GuardPoints, ToldPoints
+from waychair.runtime.rider.guard_points import IN_ODOM, GuardPoints, ToldPoints
 from waychair.runtime.rider.guard_view import guard_view
 
 LEVEL = "help_level"
@@ -36,8 +36,9 @@ class HelpLevels:
 
     def __init__(self, node: ChairNode[Any], base: DriveBase, at_start: str) -> None:
         self._node, self._base = node, base
-        self._unscanned = ToldPoints()
+        self._unscanned, self._seen_walls = ToldPoints(), ToldPoints()
         node.listen(topics.UNSCANNED, _read_points, self._take_points, needed=False)
+        node.listen(topics.SEEN_WALLS, _read_points, self._take_walls, needed=False)
         node.listen(topics.HAPTIC_STATE, read_haptic_state, self._take_haptics, needed=False)
         base.guard.offer(level_of(at_start))
         self._publish = node.publisher(topics.GUARD)
@@ -52,18 +53,21 @@ class HelpLevels:
             self._base.choose_level(wanted)
 
     def watch(self, localised: Localised, now_ns: int) -> None:
-        """Let the guard watch what the navigator's node told of drop-offs and things that no scan shows.
+        """Let the guard watch what the navigator's node told of drop-offs and things that no scan shows, and walls that were seen.
 
         Where the chair is localised and the node tells nothing, it is not known what is there.
         """
         base = self._base
         pose = base.motion.map_from_base(now_ns)
-        base.guard.unscanned = (
-            Unscanned() if localised.last is None else self._unscanned.seen_from(pose, localised.revision, now_ns)
-        )
+        known = Unscanned() if localised.last is None else self._unscanned.seen_from(pose, localised.revision, now_ns)
+        walls = self._seen_walls.seen_from(base.motion.odom_from_base(now_ns), IN_ODOM, now_ns)
+        base.guard.unscanned = known if known is None or walls is None else known.with_mapped(walls.mapped)
 
     def _take_points(self, told: GuardPoints) -> None:
         self._unscanned.take(told, time.monotonic_ns())
+
+    def _take_walls(self, told: GuardPoints) -> None:
+        self._seen_walls.take(told, time.monotonic_ns())
 
     def _take_haptics(self, state: HapticState) -> None:
         """Hold the stick of a rider who is led as the guide asks for."""

@@ -17,6 +17,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.next_door import DoorSide, next_door, no_door
 from waychair.control.haptics.symbols import Advice
+from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
 from waychair.errors import WaychairError
 from waychair.maps.drawn.places import find, load_places
 from waychair.maps.drawn.zones import load_zones
@@ -26,6 +27,7 @@ from waychair.ros.messages.cells import read_perception
 from waychair.ros.messages.chair import DriveReport, read_drive_state, read_localisation_on_floor
 from waychair.ros.messages.floor import Floor, read_floor
 from waychair.ros.messages.guard import read_guard
+from waychair.ros.messages.json_text import json_text
 from waychair.ros.messages.maps import read_loaded_grid
 from waychair.ros.messages.motion import read_odometry
 from waychair.ros.messages.sensors import read_scan
@@ -37,6 +39,7 @@ from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Rid
 from waychair.runtime.haptics.teller import Teller
 from waychair.runtime.pages.haptic_port import NOT_LED
 from waychair.runtime.pages.perception_view import shown_doorways, surroundings
+from waychair.runtime.rider.guard_points import IN_ODOM, SENT_BEYOND, GuardPoints
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
@@ -90,6 +93,7 @@ class LedRider:
         self._goal: _Goal | None = None  # waits for the level at which the rider is led
         self._choose = node.create_client(interface_type("waychair_msgs/srv/ChooseLevel"), "choose_level")
         self._listen(scan_frame)
+        self._send_walls = node.publisher(topics.SEEN_WALLS)
         node.create_service(interface_type("waychair_msgs/srv/Lead"), "haptics/lead", self._answer_lead)
         node.create_service(
             interface_type("waychair_msgs/srv/LeadThrough"), "haptics/lead_through", self._answer_lead_through
@@ -123,6 +127,14 @@ class LedRider:
                 odom_from_base=self._track.odom_from_base(self._node.now_ns()),
             )
         )
+
+    def tell_walls(self) -> None:
+        """Tell the guard of the walls that were seen on a way without a map, as they may be behind the chair by now."""
+        now_ns = self._node.now_ns()
+        pose = self._track.odom_from_base(now_ns)
+        walls = None if pose is None else self.guide.seen_walls(pose, BLIND_WITHIN + SENT_BEYOND)
+        if pose is not None and walls is not None:
+            self._send_walls(json_text(GuardPoints.near(now_ns, IN_ODOM, Unscanned(mapped=walls), pose)))
 
     def _listen(self, scan_frame: str) -> None:
         node, heard, with_true_stamp = self._node, self._heard, self._calibration.with_true_stamp

@@ -14,6 +14,7 @@ import pytest
 
 from tests.ros.realtime import ALONE
 from tests.runtime.haptics.guided_rider import DESK, START, room
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.next_door import DoorSide, no_door
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import MessageError
@@ -26,11 +27,13 @@ from waychair.ros.messages.chair import localisation
 from waychair.ros.messages.floor import Floor, floor
 from waychair.ros.messages.guard import guard_message
 from waychair.ros.messages.haptics import advice, haptic_state, read_advice, read_haptic_state
+from waychair.ros.messages.json_text import read_json_text
 from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.stack import Stack, processes
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.pages.perception_view import DoorwayView, PerceptionView, SectorsView
+from waychair.runtime.rider.guard_points import IN_ODOM, GuardPoints
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import HelpLevel, Pose2, Scan, Twist
@@ -158,6 +161,10 @@ def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harn
         ros.spin_until(led, "the first step", stand)
 
 
+BEHIND = 1.2
+"""m from the lidar to a wall behind the chair."""
+
+
 @ALONE
 def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> None:
     from waychair.ros.interface_types import interface_type
@@ -165,6 +172,9 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
     from waychair.ros.nodes.parts.led_rider import NO_CELLS
 
     heard = ros.heard(topics.HAPTIC_STATE)
+    walls = ros.heard(topics.SEEN_WALLS)
+    ranges = np.full(720, 4.5, np.float32)
+    ranges[-40:] = BEHIND  # a wall behind on the left
     ahead = DoorwayView(1, 3.0, 0.0, 0.0, 0.9, 0.9, "open", True, "Doorway 1: open, wide enough.")
     with felt_glove() as (port, levels), ros.serving(GloveNode(["--ros-args", "-p", f"port:={port}"])):
         moved, seen, told_cells = (ros.publisher(each) for each in (topics.ODOMETRY, topics.SCAN, topics.PERCEPTION))
@@ -174,7 +184,7 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
             now_ns = ros.node.get_clock().now().nanoseconds
             told_guard(guard_message(now_ns, GuardView(HelpLevel.GUIDE)))
             moved(odometry(now_ns, ODOM_FRAME, START, Twist()))
-            seen(laser_scan(Scan(now_ns, np.full(720, 4.5, np.float32), -math.pi, math.tau / 720, range_max=10.0)))
+            seen(laser_scan(Scan(now_ns, ranges, -math.pi, math.tau / 720, range_max=10.0)))
             if perceives:
                 view = PerceptionView(now_ns, "", (), (), SectorsView(8, (), True, ""), (ahead,))
                 told_cells(perception(view))
@@ -201,3 +211,9 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
             )
 
         ros.spin_until(led, "the first step", stand)
+        told = read_json_text(walls[-1], GuardPoints, "walls")
+        assert told.revision == IN_ODOM
+        points = told.unscanned().seen_from(START @ CHAIR_A.base_from_laser).mapped
+        assert len(points) > 5
+        assert np.hypot(*points.T) == pytest.approx(BEHIND, abs=0.1)
+        assert (points[:, 0] < -0.9 * BEHIND).all()

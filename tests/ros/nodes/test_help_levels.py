@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
-from waychair.control.safety.guard import SPOKEN
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.safety.guard import SPOKEN, Unscanned
 from waychair.ros import topics
 from waychair.ros.messages.guard import read_guard
+from waychair.ros.messages.json_text import json_text
+from waychair.runtime.measured_motion import MeasuredMotion
+from waychair.runtime.rider.guard_points import IN_ODOM, STALE_NS, GuardPoints
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.runtime.rider.rider_guard import NOTHING_HELD
-from waychair.types import HelpLevel
+from waychair.types import FloatArray, HelpLevel, Pose2
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness, Heard
@@ -95,3 +102,27 @@ def test_the_parameter_is_set_while_the_node_runs_and_a_wrong_one_refused(bridge
     assert "inform, guard, guide" in refused.reason
     assert bridge.set_level("inform").successful
     bridge.until(HelpLevel.INFORM)
+
+
+def test_walls_that_were_seen_on_a_way_without_a_map_are_watched_while_they_are_told(ros: Harness) -> None:
+    from waychair.ros.node_settings.bridge import BridgeNodeSettings
+    from waychair.ros.nodes.node import ChairNode
+    from waychair.ros.nodes.parts.bridge_state import Localised
+    from waychair.ros.nodes.parts.help_levels import HelpLevels
+
+    motion = MeasuredMotion(CHAIR_A, Pose2())
+    guard = SimpleNamespace(offer=lambda level: None, unscanned=Unscanned(), level=HelpLevel.GUARD)
+    base: Any = SimpleNamespace(guard=guard, motion=motion)
+    with ros.serving(ChairNode("levels", BridgeNodeSettings, ["help_level"], [])) as node:
+        levels = HelpLevels(node, base, HelpLevel.INFORM.value)
+        send = ros.publisher(topics.SEEN_WALLS)
+        behind = np.array([[-1.0, 0.2]])
+        send(json_text(GuardPoints.near(0, IN_ODOM, Unscanned(mapped=behind), Pose2())))
+
+        def watched(later_ns: int = 0) -> FloatArray:
+            levels.watch(Localised(), time.monotonic_ns() + later_ns)
+            return guard.unscanned.mapped
+
+        ros.spin_until(lambda: len(watched()), "the walls")
+        assert watched() == pytest.approx(behind)
+        assert len(watched(2 * STALE_NS)) == 0
