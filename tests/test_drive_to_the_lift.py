@@ -48,7 +48,6 @@ def near_places_first(folder: Path) -> Path:
     return path
 
 
-@pytest.mark.nightly
 def test_all_three_places_are_reached_without_a_contact(demo: Demo) -> None:
     assert [leg.place for leg in demo.legs if not leg.reached] == []
     assert len(demo.legs) == 3

@@ -114,7 +114,6 @@ def told(value: float, half_angle: float = math.pi) -> Callable[[tuple[ChairMess
     return lambda messages: tuple(map(change, messages))
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("value", [math.inf, math.nan, 65.533])
 def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride, value: float) -> None:
     ride.drive()
@@ -122,7 +121,6 @@ def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: 
     assert ended_by(ride, within=13) == "lidar_blind"
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("value", [math.inf, 65.533])
 def test_f12_a_chair_with_a_covered_lidar_front_drives_into_nobody(value: float) -> None:
     """Some drivers send 65.533 for a beam without an echo; it is not a measurement."""
@@ -144,7 +142,6 @@ def test_a_chair_that_does_not_see_ahead_crawls(ride: Ride) -> None:
     assert 0.05 < ride.speed < 0.2
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("asked", [Twist(math.nan, 0.0), Twist(0.3, math.inf), Twist(1e6, 0.0)])
 def test_f5_an_invalid_speed_brakes_in_the_same_tick(ride: Ride, asked: Twist, monkeypatch: pytest.MonkeyPatch) -> None:
     """The planner asks for an impossible speed: the chair brakes at once, hard, and comes to rest."""

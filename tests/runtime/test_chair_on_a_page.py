@@ -141,7 +141,6 @@ def test_nothing_moves_before_the_end_of_the_countdown_and_the_chair_drives_afte
         assert ride.speed > 0.05  # the board was armed meanwhile
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("prevents", ["stop", "cancel", "joystick"])
 @pytest.mark.parametrize("ticks", [30, *(pytest.param(k, marks=pytest.mark.nightly) for k in (1, 58))])
 def test_stop_cancel_and_the_joystick_end_a_countdown(prevents: str, ticks: int) -> None:

@@ -56,7 +56,6 @@ def driven() -> tuple[FleetScene, FleetRun, list[FleetMoment]]:
         return scene, drive_fleet(scene, moments.append), moments
 
 
-@pytest.mark.nightly
 def test_two_whole_chairs_reach_their_rooms_without_a_contact_or_a_line_passed(
     driven: tuple[FleetScene, FleetRun, list[FleetMoment]],
 ) -> None:

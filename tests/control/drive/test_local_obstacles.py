@@ -180,7 +180,6 @@ def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
     )
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("edge", [2.3, 3.2, pytest.param(2.7, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("depth", [0.12, 1.0, pytest.param(0.17, marks=pytest.mark.nightly)])
 def test_a_drop_off_is_an_obstacle_from_its_edge_on_and_stays_one_out_of_sight(edge: float, depth: float) -> None:
