@@ -149,9 +149,15 @@ class _Inbox:
 
     def fetch(self) -> list[tuple[int, bytes]]:
         """Return the peers' messages since the last call: those to everybody first, as a Request counts after its State only."""
+        import zenoh
+
         found: deque[tuple[int, bytes]] = deque()
-        while (sample := self._waiting.try_recv()) is not None:
-            self._sort(sample, found)
+        with contextlib.suppress(zenoh.ZError):  # the session was closed
+            for _ in range(MOST_WAITING):  # so that a flood does not keep this call from ending
+                sample = self._waiting.try_recv()
+                if sample is None:
+                    break
+                self._sort(sample, found)
         return [*found, *(self._alone.popleft() for _ in range(len(self._alone)))]
 
     def fetch_aside(self) -> list[tuple[int, bytes]]:

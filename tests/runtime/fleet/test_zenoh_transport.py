@@ -86,6 +86,13 @@ def test_a_port_that_is_taken_is_named(stack: ExitStack) -> None:
         ZenohTransport(_fleet(1, ports), "b")
 
 
+def test_a_peer_that_has_left_hears_nothing() -> None:
+    ports = _ports(3)
+    peer = ZenohTransport(_fleet(1, ports), "b")
+    peer.close()
+    assert (peer.received(), peer.received_aside()) == ([], [])
+
+
 def test_a_message_that_is_too_large_is_not_taken_in(stack: ExitStack) -> None:
     ports = _ports(3)
     one, two = (stack.enter_context(closing(ZenohTransport(_fleet(n, ports), "b"))) for n in (1, 2))
