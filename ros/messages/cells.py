@@ -20,9 +20,10 @@ def signal(words: str) -> Any:
 
 
 def perception(view: PerceptionView) -> Any:
-    """Return a std_msgs/String of the cells as a page shows them; an aim that is not a number is left out."""
+    """Return a std_msgs/String of the cells as a page shows them; an aim or a signal that is not a number is left out."""
     aim = view.aim if view.aim is not None and math.isfinite(view.aim.pan + view.aim.tilt) else None
-    return json_text(replace(view, aim=aim))
+    told = view.told if view.told is not None and math.isfinite(view.told.orientation) else None
+    return json_text(replace(view, aim=aim, told=told))
 
 
 def read_perception(message: Any) -> PerceptionView:

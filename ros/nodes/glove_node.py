@@ -5,7 +5,7 @@
 | haptics/advice | symbols of other nodes to be felt and heard, each valid for a while |
 | map, floor, localisation, odom, scan | to lead the rider: the map, the pose on it, and new things |
 | guard, drive_state, stop | the level of help, a stick that is held back, the driver, and Stop |
-| perception/state | the things and doorways round the chair, for a rider that asks |
+| perception/state | the cells' signal, and the things and doorways round the chair for a rider that asks |
 
 | sends | |
 |---|---|

@@ -99,7 +99,10 @@ class AimView:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionView:
-    """The behaviour cells of a chair at `stamp_ns`; `networks` are those that can be drawn, the whole one first."""
+    """The behaviour cells of a chair at `stamp_ns`; `networks` are those that can be drawn, the whole one first.
+
+    `signal`: the signal to the rider in words, `told`: itself, for a glove.
+    """
 
     stamp_ns: int
     signal: str
@@ -109,6 +112,7 @@ class PerceptionView:
     doorways: tuple[DoorwayView, ...] = ()
     aim: AimView | None = None
     troubles: tuple[str, ...] = ()
+    told: Signal | None = None
 
 
 _MOST_DOORWAYS = 2
@@ -162,6 +166,7 @@ def perception_view(perceived: Perceived, body: ChairBody, aim: PanTiltAngles | 
         doorways=doorways,
         aim=None if aim is None else _aim_view(aim, done.ports["grant"].eo if "grant" in done.ports else None),
         troubles=perceived.troubles,
+        told=perceived.told,
     )
 
 

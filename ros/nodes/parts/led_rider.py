@@ -38,7 +38,7 @@ from waychair.runtime.haptics.haptic_guide import NO_ODOMETRY, HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
 from waychair.runtime.haptics.teller import Teller
 from waychair.runtime.pages.haptic_port import NOT_LED
-from waychair.runtime.pages.perception_view import shown_doorways, surroundings
+from waychair.runtime.pages.perception_view import PerceptionView, shown_doorways, surroundings
 from waychair.runtime.rider.guard_points import IN_ODOM, SENT_BEYOND, GuardPoints
 from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
@@ -107,6 +107,7 @@ class LedRider:
         guard, pose = self._guard(now_ns), self._pose()
         forward, turn = guard.stick
         drive: DriveReport | None = self._fresh(self._heard.drive, now_ns)
+        seen: PerceptionView | None = self._fresh(self._heard.cells, now_ns)
         if self._goal is not None and guard.level is not HelpLevel.GUARD:
             goal, self._goal = self._goal, None
             if goal.on_map:
@@ -122,6 +123,7 @@ class LedRider:
                 level_told=guard.told,
                 stick=JoystickInput(now_ns, forward, turn),
                 guard=None if guard.caps is None else GuardReport(guard.caps),
+                signal=None if seen is None else seen.told,
                 others=tuple(others),
                 computer_drives=drive is not None and drive.driving and not drive.steered,
                 odom_from_base=self._track.odom_from_base(self._node.now_ns()),

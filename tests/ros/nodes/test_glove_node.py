@@ -15,6 +15,7 @@ import pytest
 from tests.ros.realtime import ALONE
 from tests.runtime.haptics.guided_rider import DESK, START, room
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.behaviours.commands import Signal, SignalKind
 from waychair.control.haptics.next_door import DoorSide, no_door
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import MessageError
@@ -179,14 +180,15 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
     with felt_glove() as (port, levels), ros.serving(GloveNode(["--ros-args", "-p", f"port:={port}"])):
         moved, seen, told_cells = (ros.publisher(each) for each in (topics.ODOMETRY, topics.SCAN, topics.PERCEPTION))
         told_guard, perceives = ros.publisher(topics.GUARD), False
+        warned: Signal | None = None
 
         def stand() -> None:
             now_ns = ros.node.get_clock().now().nanoseconds
             told_guard(guard_message(now_ns, GuardView(HelpLevel.GUIDE)))
-            moved(odometry(now_ns, ODOM_FRAME, START, Twist()))
+            moved(odometry(now_ns, ODOM_FRAME, START, Twist(0.0 if warned is None else 0.3)))
             seen(laser_scan(Scan(now_ns, ranges, -math.pi, math.tau / 720, range_max=10.0)))
             if perceives:
-                view = PerceptionView(now_ns, "", (), (), SectorsView(8, (), True, ""), (ahead,))
+                view = PerceptionView(now_ns, "", (), (), SectorsView(8, (), True, ""), (ahead,), told=warned)
                 told_cells(perception(view))
 
         kind = interface_type("waychair_msgs/srv/LeadThrough")
@@ -217,3 +219,9 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
         assert len(points) > 5
         assert np.hypot(*points.T) == pytest.approx(BEHIND, abs=0.1)
         assert (points[:, 0] < -0.9 * BEHIND).all()
+        warned = Signal(SignalKind.WARNING, "a wall ahead")
+        ros.spin_until(
+            lambda: any((each.symbol, each.unfelt) == ("warning", "") for each in map(read_haptic_state, heard)),
+            "the cells' warning",
+            stand,
+        )
