@@ -80,7 +80,7 @@ def page_command(
         File of the rider's own record of guided drives, which is off until the rider says yes on the page; default
         waychair/habits.jsonl in the user's data folder.
     haptics
-        File of a rider who cannot see (see `waychair haptics tune`): the tab Touch, steps by glove and voice, and the record
+        File of a rider without sight (see `waychair haptics tune`): the tab Touch, steps by glove and voice, and the record
         for the trainer, which is off until the rider says yes. The level of help that the rider chose last is kept there.
     glove
         The glove's port: /dev/ttyUSB1, pty:/dev/pts/N or tcp:HOST:PORT; default the glove's program on this computer.

@@ -208,7 +208,7 @@ class ChairClient:
             return JourneyReport(0)
 
     def guide_to(self, goal: str, storey: str = "", timeout_s: float = 20.0) -> None:
-        """Have the rider, who drives, told the way to a goal, "" for no longer; RosError where the page's node refuses."""
+        """Have the rider told the way while driving to a goal, "" for no longer; RosError where the page's node refuses."""
         self._publish("page", topics.GUIDE_TO, storey_goal(StoreyGoal(goal, storey)), timeout_s)
         if not self._spin_until(lambda: (self.guidance(0.0) is not None) == bool(goal), timeout_s):
             raise RosError(f"guidance to '{goal}' did not begin within {timeout_s:g} s: see the page node's log")

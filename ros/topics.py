@@ -99,7 +99,7 @@ PEOPLE = RosTopic("people", "geometry_msgs/msg/PoseArray", RELIABLE, MAP_FRAME)
 """Positions of pedestrians, walking or standing after a walk."""
 
 SIGNAL = RosTopic("perception/signal", "std_msgs/msg/String", RELIABLE)
-"""The signal of the behaviour cells to a rider who cannot see, in words, at each change."""
+"""The signal of the behaviour cells to a rider without sight, in words, at each change."""
 
 PERCEPTION = RosTopic("perception/state", "std_msgs/msg/String", RELIABLE)
 """The behaviour cells as a page shows them: a JSON object of `runtime.perception_view.PerceptionView`."""
@@ -108,7 +108,7 @@ DOORWAYS = RosTopic("perception/doorways", "geometry_msgs/msg/PoseArray", RELIAB
 """The doorways near the chair that range has borne out: the middle of each, x leads through it."""
 
 ADVICE = RosTopic("haptics/advice", "waychair_msgs/msg/Advice", RELIABLE, BASE_FRAME)
-"""Symbols that a driver who cannot see is to feel and hear; the glove node plays them."""
+"""Symbols that a driver without sight is to feel and hear; the glove node plays them."""
 
 HAPTIC_STATE = RosTopic("haptics/state", "std_msgs/msg/String", RELIABLE)
 """The rider's glove and voice as a page shows them: a JSON object of `runtime.haptics.haptic_state.HapticState`."""

@@ -117,7 +117,7 @@ class Chair:
 
         `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every
         request (see `ChairWatcher.note_request`) and every tick; steering shows in the state's verdict. `haptics` tells and
-        leads a rider who cannot see.
+        leads a rider without sight.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -271,7 +271,7 @@ class Chair:
         return True, f"You are led through {goal.name}."
 
     def _begin_to_lead(self, what: str, goal: Place, lead: Callable[[Place], None]) -> None:
-        """Note the rider's request, guide a rider who is only guarded, and lead."""
+        """Note the rider's request, guide a rider that was only guarded, and lead."""
         self._tell(what, (Goal(goal.name),))
         if self.level is HelpLevel.GUARD:
             self._base.choose_level(HelpLevel.GUIDE)
@@ -384,7 +384,7 @@ class Chair:
         self._base.beat(now_ns)
 
     def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> ChairState:
-        """Run one tick: take in the messages, decide who drives, and send the command.
+        """Run one tick: take in the messages, decide on the driver, and send the command.
 
         `other_halts` are halts that only the caller knows of, such as that of a page that is gone.
         """
@@ -487,7 +487,7 @@ class Chair:
                 cells.look(message, base.motion.odom_from_base(message.stamp_ns), tilt, ground)
 
     def _known(self, now_ns: int, telemetry: Telemetry | None) -> CellInputs:
-        """Return what the cells are told besides the messages."""
+        """Return the cells' inputs besides the messages."""
         motion, navigator = self._base.motion, self._pilot.navigator
         return CellInputs(
             odometry=motion.odometry,

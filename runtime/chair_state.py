@@ -22,7 +22,7 @@ class ChairState:
 
     `halts`: every stop that is active, each with its remedy. `command`: the navigator's twist within the limits, None
     when the computer does not drive. `telemetry` is the board's last report, None while no usable board is connected.
-    `perceived`: the behaviour cells, None without them. `haptics`: glove, voice and steps of a rider who cannot see, None
+    `perceived`: the behaviour cells, None without them. `haptics`: glove, voice and steps of a rider without sight, None
     without them.
     """
 

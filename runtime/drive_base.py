@@ -218,7 +218,7 @@ class DriveBase:
     def supervise(
         self, now_ns: int, active: bool, other_halts: Iterable[Halt] = ()
     ) -> tuple[SupervisorVerdict, Telemetry | None]:
-        """Decide who drives in this tick; return the verdict and the board's last report.
+        """Decide on the driver of this tick; return the verdict and the board's last report.
 
         `active`: whether there is a goal. `other_halts` are halts that only the caller knows of. The report is None while
         no usable board is connected.

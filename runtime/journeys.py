@@ -127,7 +127,7 @@ class TravelState:
 
 @dataclass(slots=True)
 class _Heard:
-    """What the latest messages and the rider say: the scan, the lift's door in it, whether Stop holds, why to hold, and the
+    """The latest messages, and the rider's words: the scan, the lift's door in it, whether Stop holds, why to hold, and the
     air's pressure.
     """
 
@@ -440,7 +440,7 @@ class Traveller:
             self._drive = key, DriveProgress.FAILED, state.navigation.reason
 
     def _obey(self, journey: Journey, order: JourneyOrder, state: ChairState) -> None:
-        """Do what the journey orders."""
+        """Obey the journey's orders."""
         key, drive, _ = self._drive
         wanted = order.goal is not None
         if drive is DriveProgress.UNDER_WAY and (not wanted or order.key != key):

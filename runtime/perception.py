@@ -172,7 +172,7 @@ class Perception:
         self._heard["frames in the picture"] = frames
 
     def step(self, now_ns: int, known: CellInputs) -> Perceived:
-        """Innervate the network with what was heard since the last tick. It never raises."""
+        """Innervate the network with the messages since the last tick. It never raises."""
         if "lidar" not in self._heard:  # the tick of a scan has enough to do
             self._told("doorways", self._doorways.work)
         if self._picture is not None:

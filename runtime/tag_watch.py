@@ -65,7 +65,7 @@ class TagWatch:
         self._given_ns = -(10**12)
 
     def forget(self) -> None:
-        """Forget what was seen, as after a change of the map."""
+        """Forget all sightings, as after a change of the map."""
         self._map_from_odom = {}
 
     def place(

@@ -1,4 +1,4 @@
-"""`waychair guide`: a simulated driver who cannot see is led to a place by the glove."""
+"""`waychair guide`: a simulated driver without sight is led to a place by the glove."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def guide_command(
     out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     quiet: bool = False,
 ) -> None:
-    """Lead a simulated driver who cannot see to a place, by the motors of a glove.
+    """Lead a simulated driver without sight to a place, by the motors of a glove.
 
     The driver feels the motors and nothing else; the programs of the chair's board and of the glove run as shipped. A
     simulated driver shows faults of the guidance, never that it helps a person.

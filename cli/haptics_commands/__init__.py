@@ -1,1 +1,1 @@
-"""The commands for a driver who cannot see: vibrations, speech and their fitting."""
+"""The commands for a driver without sight: vibrations, speech and their fitting."""

@@ -1,4 +1,4 @@
-"""`waychair haptics play|check|tune|learn`: the vibrations that guide a driver who cannot see."""
+"""`waychair haptics play|check|tune|learn`: the vibrations that guide a driver without sight."""
 
 from __future__ import annotations
 

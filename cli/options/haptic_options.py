@@ -1,4 +1,4 @@
-"""The options of a rider who cannot see, of commands with a chair that runs live."""
+"""The options of a rider without sight, of commands with a chair that runs live."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Behaviour cells and networks, which perceive for a driver who cannot see. Begin with `cell.py`, then `paper.py`."""
+"""Behaviour cells and networks, which perceive for a driver without sight. Begin with `cell.py`, then `paper.py`."""

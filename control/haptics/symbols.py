@@ -1,4 +1,4 @@
-"""The symbols that a driver who cannot see is told, and one piece of advice.
+"""The symbols that a driver without sight is told, and one piece of advice.
 
 A symbol is the same for touch, speech, tones and text. `PRIORITY` is the priority of the board's PLAY: a higher one interrupts.
 """

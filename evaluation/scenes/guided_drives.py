@@ -1,4 +1,4 @@
-"""Drives of simulated drivers who cannot see, as the figures of guidance count them, and the row of a table for some of them.
+"""Drives of simulated drivers without sight, as the figures of guidance count them, and the row of a table for some of them.
 
 Contacts are those that the chair's own motion caused; a person who walks into the chair is counted apart.
 """

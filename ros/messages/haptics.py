@@ -1,4 +1,4 @@
-"""Messages for a driver who cannot see: advice, and the state of glove and voice as a page shows it."""
+"""Messages for a driver without sight: advice, and the state of glove and voice as a page shows it."""
 
 from __future__ import annotations
 

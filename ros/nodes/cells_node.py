@@ -1,4 +1,4 @@
-"""The cells node: the behaviour cells of a chair, for a rider who cannot see. It tells, and drives nothing.
+"""The cells node: the behaviour cells of a chair, for a rider without sight. It tells, and drives nothing.
 
 It runs where `perceive` is true, in a process of its own, so that the navigator's ticks do not wait for it.
 
@@ -226,7 +226,7 @@ class CellsNode(ChairNode[CellsNodeSettings]):
             self._cells.watch(message, at)
 
     def _tick(self) -> None:
-        """Run the cells, and send what they tell. Stamps are of ROS's clock."""
+        """Run the cells, and send their words. Stamps are of ROS's clock."""
         now_ns, latest = self.now_ns(), self._latest
         at = self._track.odom_from_base(now_ns)
         odometry = None if at is None else latest.odometry

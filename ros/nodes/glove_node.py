@@ -64,7 +64,7 @@ class GloveNode(ChairNode[GloveNodeSettings]):
             CalibrationError: the chair's file is missing or damaged.
             TransportError: the port's name has no known form.
             GloveError: the fitting is for another layout.
-            LearntError: the file of what was learnt of the rider is damaged.
+            LearntError: the file of findings about the rider is damaged.
         """
         super().__init__("glove", GloveNodeSettings, arguments=arguments)
         s, profile = self.settings, HapticsProfile()
@@ -104,7 +104,7 @@ class GloveNode(ChairNode[GloveNodeSettings]):
         self._wanted = [*kept, heard][-_MOST_WAITING:]
 
     def _tick(self) -> None:
-        """Say what is due, and tell of it."""
+        """Say due advice, and tell of it."""
         now_ns = time.monotonic_ns()
         self._wanted = [each for each in self._wanted if each.valid_until_ns >= now_ns]
         count = self._state.count

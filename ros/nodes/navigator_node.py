@@ -362,7 +362,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._senses.process_camera()
 
     def now(self) -> ChairNow:
-        """Return what the node knows of the chair, for a journey."""
+        """Return the node's view of the chair, for a journey."""
         located, navigator = self._latest.located, None if self._pilot is None else self._pilot.navigator
         now_ns = self.now_ns()
         return ChairNow(

@@ -44,7 +44,7 @@ PATIENCE_MS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What follows from a step: the report to the warden, the authority to drive, and, with a new chain, its goals.
+    """The results of a step: the report to the warden, the authority to drive, and, with a new chain, its goals.
 
     `bars` are zones that keep the chair on a new chain where other ways lead round it.
     """

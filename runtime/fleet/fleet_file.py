@@ -61,7 +61,7 @@ class FleetFile:
 
     @property
     def electorate(self) -> Path | None:
-        """The file in which this peer keeps who is counted, see `electorate_file.py`; None: it is not kept."""
+        """The file in which this peer keeps the peers that are counted, see `electorate_file.py`; None: it is not kept."""
         return None if self.folder is None else self.folder / f"electorate{self.number}.json"
 
     def name(self, number: int) -> str:

@@ -1,6 +1,6 @@
 """A chair as a member of a live fleet: its driver and peer, its network, its wish, and the words for its rider.
 
-The owner steps it ten times a second; between two steps another thread may let it answer what has come, see `prompt_answers.py`.
+The owner steps it ten times a second; between two steps another thread may let it answer the messages so far, see `prompt_answers.py`.
 It gives the chair's authority and goals; everything that stops the chair stays in the chair.
 """
 
@@ -42,7 +42,7 @@ _GOES_FIRST = {
 
 @dataclass(frozen=True, slots=True)
 class MemberStep:
-    """What follows from a step: authority and goals, the present wait, the rider's sentence, and sentences for people.
+    """The results of a step: authority and goals, the present wait, the rider's sentence, and sentences for people.
 
     `tone`: see `PeerSteps`.
     """
@@ -70,7 +70,7 @@ class FleetMember:
     ) -> None:
         """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front.
 
-        `log` takes down what this chair decides while it is the warden; `memory` keeps who is counted, see `electorate_file.py`.
+        `log` takes down what this chair decides while it is the warden; `memory` keeps the peers that are counted, see `electorate_file.py`.
         """
         peer = Peer(fleet, number, boot, electorate=kept_electorate(memory, fleet.numbers))
         self.driver = PeerDriver(fleet.ways, peer, driver, start)
@@ -87,7 +87,7 @@ class FleetMember:
         self._refused: tuple[str, int] | None = None
         self._waits_since_ns: int | None = None
         self._present: Wait | None = None
-        self._others: dict[int, Told] = {}  # what the others said last
+        self._others: dict[int, Told] = {}  # the others' last words
         self._told = Told(), 0  # the last word to all, and when
 
     @property
@@ -113,7 +113,7 @@ class FleetMember:
         sight: SpotSight | None = None,
         navigation: Navigation | None = None,
     ) -> MemberStep:
-        """Return what follows from `map_from_base`, the goals of the last chain that are left, and what has come.
+        """Return the results of `map_from_base`, the goals of the last chain that are left, and what has come.
 
         `now_ns` is a monotonic clock that runs while the computer sleeps; `sight`: see `PeerDriver.step`. By its `navigation` the
         chair finds sections shut, which it tells the others.
@@ -122,7 +122,7 @@ class FleetMember:
             return self._step(self._post.begin(now_ns), pose, goals_left, manual, sight, navigation)
 
     def answer(self, now_ns: int) -> None:
-        """Take what has come, and answer it, between two steps: from any thread."""
+        """Take the messages so far, and answer them, between two steps: from any thread."""
         with self._lock:
             if not self.driver.can_answer:
                 return
@@ -158,7 +158,7 @@ class FleetMember:
         return MemberStep(found.driven, wait, told, said, found.tone)
 
     def measured(self) -> Measures:
-        """Return what was measured since the last call."""
+        """Return the measures since the last call."""
         with self._lock:
             return self._post.taken_measures()
 
@@ -252,7 +252,7 @@ class FleetMember:
         )
 
     def _tell(self, now_ns: int, wait: Wait | None, told: str) -> None:
-        """Tell all what this chair says: at once where it differs, but for the seconds that pass."""
+        """Tell all the words of this chair: at once where it differs, but for the seconds that pass."""
         wish = self._wish
         word = Told(
             "" if wish is None else wish.goal,

@@ -27,7 +27,7 @@ _OTHERS = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class PeerSteps:
-    """What follows from a step: the driver's authority and goals, the peer's messages and words, and the tone before a run.
+    """The results of a step: the driver's authority and goals, the peer's messages and words, and the tone before a run.
 
     The tone is to be sounded where a chair that drives by its own eyes comes out of a place aside.
     """
@@ -80,7 +80,7 @@ class PeerDriver:
         manual: bool = False,
         sight: SpotSight | None = None,
     ) -> PeerSteps:
-        """Return what follows from `map_from_base`, the goals left and the messages since the last step.
+        """Return the results of `map_from_base`, the goals left and the messages since the last step.
 
         `sight`: the chair's eyes, for spots that it has to see free before it enters them, and by which it drives alone; without
         them it takes its order's word, and stands where there is none.

@@ -1,4 +1,4 @@
-"""What goes out of a peer's step: its messages, its log, the memory of who is counted, and how long its own Requests wait."""
+"""The output of a peer's step: its messages, its log, the memory of the peers that are counted, and how long its own Requests wait."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WAITED_NS = 200_000_000
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
+    """A member's measures since somebody took them: ms from a Request to its first answer, ms of age of others' States.
 
     The ages hold on one computer, whose programs have one clock.
     """
@@ -82,7 +82,7 @@ class PeerPost:
             self._asked_ns = None
 
     def taken_measures(self) -> Measures:
-        """Return what was measured since the last call."""
+        """Return the measures since the last call."""
         found = Measures(list(self._answers_ms), list(self._ages_ms))
         self._answers_ms.clear()
         self._ages_ms.clear()

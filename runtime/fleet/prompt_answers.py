@@ -16,7 +16,7 @@ class PromptAnswers:
     """Calls `answer` as soon as a Request or an Answer has come, until it is closed."""
 
     def __init__(self, transport: ZenohTransport, answer: Callable[[], None]) -> None:
-        """`answer` takes what has come; it is called by another thread than this one."""
+        """`answer` takes the messages so far; it is called by another thread than this one."""
         self._transport, self._answer = transport, answer
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="prompt answers", daemon=True)

@@ -1,4 +1,4 @@
-"""The part of a chair that tells and leads a rider who cannot see: steps and advice in, glove, voice and text out.
+"""The part of a chair that tells and leads a rider without sight: steps and advice in, glove, voice and text out.
 
 It moves nothing. The chair calls `step` once a tick, after the command was sent. Each channel may fail by itself; where none
 reaches the rider, the steps are withheld and named as such, and the chair drives on at the level of help that is left.
@@ -145,7 +145,7 @@ class HapticGuide:
         self._asked = replace(self._asked, again=True)
 
     def say_where(self) -> None:
-        """Tell where the chair is and what is round it, at the next tick."""
+        """Tell the chair's place and its surroundings, at the next tick."""
         self._asked = replace(self._asked, where=True)
 
     def see(self, scan: Scan, map_from_base: Pose2 | None, odom_from_base: Pose2, twist: Twist) -> None:
@@ -177,7 +177,7 @@ class HapticGuide:
             self.leader.look_again()
 
     def step(self, now: HapticInputs) -> HapticState:
-        """Run one tick: decide what holds, say what is due, and return the channels' state."""
+        """Run one tick: decide on the advice, say it where it is due, and return the channels' state."""
         withheld = self._withheld(now)
         pose = self._pose(now)
         guidance = None if withheld or pose is None else self.leader.step(_inputs(now, pose))

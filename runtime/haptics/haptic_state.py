@@ -36,7 +36,7 @@ class HapticInputs:
 
 @dataclass(frozen=True, slots=True)
 class RiderSurroundings:
-    """What the chair can tell of its place: `places` of the map, and sentences about free ways, doorways and things near."""
+    """The chair's facts about its place: `places` of the map, and sentences about free ways, doorways and things near."""
 
     places: tuple[Place, ...] = ()
     near: tuple[str, ...] = ()

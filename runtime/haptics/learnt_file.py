@@ -1,4 +1,4 @@
-"""What was learnt of one rider, kept in a file on the chair only: bounded, exported by copying it, reset by removing it.
+"""Findings about one rider, kept in a file on the chair only: bounded, exported by copying it, reset by removing it.
 
 It is data about health, readable by its owner alone; nothing of it goes to a black box, a topic or a log.
 """
@@ -29,7 +29,7 @@ def default_learnt() -> Path:
 
 
 def load_learner(path: Path | None) -> RiderLearner:
-    """Return what is known of a rider: the file's figures, or those of an unknown rider without a file.
+    """Return the findings about a rider: the file's figures, or those of an unknown rider without a file.
 
     Raises:
         LearntError: the file is damaged, or of another version.
@@ -48,7 +48,7 @@ def load_learner(path: Path | None) -> RiderLearner:
 
 
 def save_learner(path: Path | None, learner: RiderLearner) -> None:
-    """Write what was learnt, readable by its owner alone; None: nothing is kept.
+    """Write the findings, readable by its owner alone; None: nothing is kept.
 
     Raises:
         OutputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""The answer to "where am I, and what is round me": one or two sentences for ear and page."""
+"""The answer to "where am I?": one or two sentences for ear and page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FARTHEST = 15.0
 """m; places farther away tell nothing of where the chair is."""
 
 MOST_NEAR = 3
-"""Most sentences about what is round the chair: more are not remembered."""
+"""Most sentences about the surroundings: more are not remembered."""
 
 _SIDES = (
     "ahead",
@@ -32,7 +32,7 @@ _SIDES = (
 
 
 def where_words(pose: Pose2 | None, round_me: RiderSurroundings, step: str = "") -> str:
-    """Return where the chair is, what is near, and the present step in words; `pose` None: it is not known."""
+    """Return the chair's place, things near it, and the present step in words; `pose` None: it is not known."""
     told = [_place_words(pose, round_me.places), *round_me.near[:MOST_NEAR]]
     if step:
         told.append(f"Now: {step}.")

@@ -194,7 +194,7 @@ class ChairPort(Protocol):
         """Take the rider's word that the chair stands at a place, here or on another storey; it is localised anew there."""
 
     def guide(self, goal: str, level: int) -> PortAnswer:
-        """Guide the rider, who drives, step by step to a goal of the building, at a level of prompting from 0 to 3."""
+        """Guide the driving rider step by step to a goal of the building, at a level of prompting from 0 to 3."""
 
     def end_guide(self) -> PortAnswer:
         """End step guidance."""
@@ -206,10 +206,10 @@ class ChairPort(Protocol):
         """Let the rider creep against the guard for a while, by the rider's own act; never towards a drop-off."""
 
     def lead(self, goal: str) -> PortAnswer:
-        """Lead the rider, who drives, to a place by touch and voice."""
+        """Lead the driving rider to a place by touch and voice."""
 
     def lead_through(self, side: DoorSide) -> PortAnswer:
-        """Lead the rider, who drives, through the next doorway on a side by touch and voice, without a map."""
+        """Lead the driving rider through the next doorway on a side by touch and voice, without a map."""
 
     def end_lead(self) -> PortAnswer:
         """Lead the rider no longer."""
@@ -218,7 +218,7 @@ class ChairPort(Protocol):
         """Say the present step again, by glove and voice."""
 
     def say_where(self) -> PortAnswer:
-        """Tell the rider where the chair is and what is round it."""
+        """Tell the rider the chair's place and its surroundings."""
 
     def stop(self) -> PortAnswer:
         """Obey the rider's Stop: the computer lets go of the lines at once."""

@@ -32,7 +32,7 @@ _PUSHED = 0.15
 
 @dataclass(frozen=True, slots=True)
 class GuidedChair:
-    """What guidance takes of a chair in a tick: its pose in the map in use, None while uncertain, and its motion.
+    """Guidance's view of a chair in a tick: its pose in the map in use, None while uncertain, and its motion.
 
     `by_itself`: the computer drives. `pushed`: the stick's direction, 1 forward, -1 back, 0 at rest. `halts`: their ids.
     """
@@ -46,7 +46,7 @@ class GuidedChair:
 
 
 def guided_chair(state: ChairState) -> GuidedChair:
-    """Return what guidance takes of a chair's state."""
+    """Return guidance's view of a chair's state."""
     localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
     stick = None if state.telemetry is None else state.telemetry.joystick
     is_pushed = stick is not None and deflection_of(stick) > _PUSHED and abs(stick.forward) > _PUSHED
@@ -61,7 +61,7 @@ def guided_chair(state: ChairState) -> GuidedChair:
 
 
 def guided_chair_of_view(view: ChairView) -> GuidedChair:
-    """Return what guidance takes of a chair as a page shows it, which knows nothing of the stick."""
+    """Return guidance's view of a chair as a page shows it, which knows nothing of the stick."""
     return GuidedChair(
         stamp_ns=view.stamp_ns,
         pose=view.map_from_base if view.localisation is LocalisationState.OK else None,

@@ -1,4 +1,4 @@
-"""What a page shows of the behaviour cells: cells with their effects in words, free directions, doorways, the camera's aim.
+"""The page's view of the behaviour cells: cells with their effects in words, free directions, doorways, the camera's aim.
 
 All sentences are made here, so that drawing and text of a page say the same.
 """
@@ -149,7 +149,7 @@ class WithoutCells:
 
 
 def perception_view(perceived: Perceived, body: ChairBody, aim: PanTiltAngles | None = None) -> PerceptionView:
-    """Return what a page shows of the cells after a tick."""
+    """Return the page's view of the cells after a tick."""
     wiring, done = perceived.network.wiring, perceived.done
     at = perceived.heard.get("odometry")
     doorways: tuple[DoorwayView, ...] = ()

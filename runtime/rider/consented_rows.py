@@ -2,7 +2,7 @@
 
 One file, readable by its owner alone: lines of JSON, each written through to the disk before the next, so that a computer that
 dies leaves whole lines and at most one broken end. There is no file before the yes, and none after `erase`. Nothing of it goes
-to a black box, a topic or a log. It is data about health: whoever runs the chair answers for it (GDPR, article 9).
+to a black box, a topic or a log. It is data about health: the chair's operator answers for it (GDPR, article 9).
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class HelpState(Protocol):
 
 
 def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
-    """Return what a page shows of a level and of the board's guard by its last report; None: no usable board."""
+    """Return the page's view of a level and of the board's guard by its last report; None: no usable board."""
     report = None if telemetry is None else telemetry.guard
     level, told, offered, creeps = help_now.level, help_now.told, help_now.offered, help_now.overridden
     stick = (0.0, 0.0) if telemetry is None else (telemetry.joystick.forward, telemetry.joystick.turn)

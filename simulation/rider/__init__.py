@@ -1,1 +1,1 @@
-"""Simulated riders who cannot see: skin, hand and driver. Begin in `blind_driver`."""
+"""Simulated riders without sight: skin, hand and driver. Begin in `blind_driver`."""

@@ -1,4 +1,4 @@
-"""A simulated driver who cannot see: feels the glove's motors and nothing else, understands, reacts, and moves the stick.
+"""A simulated driver without sight: feels the glove's motors and nothing else, understands, reacts, and moves the stick.
 
 It neither reads the truth nor any message of the computer. The levels of the glove's program on this computer are its only
 input, so protocol, queue and interruption of the glove are part of every trial. Simulated drivers are not blind drivers:

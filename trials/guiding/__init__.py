@@ -1,1 +1,1 @@
-"""Trials of a simulated driver who cannot see. Begin in `guided`."""
+"""Trials of a simulated driver without sight. Begin in `guided`."""

@@ -1,4 +1,4 @@
-"""A drive of a simulated driver who cannot see along a route: led by the glove from waypoint to waypoint, within the guard."""
+"""A drive of a simulated driver without sight along a route: led by the glove from waypoint to waypoint, within the guard."""
 
 from __future__ import annotations
 

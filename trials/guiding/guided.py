@@ -1,4 +1,4 @@
-"""Whole drives of a driver who cannot see, led by touch: the simulated chair, its board's C and the glove's C in the loop.
+"""Whole drives of a driver without sight, led by touch: the simulated chair, its board's C and the glove's C in the loop.
 
 The chair leads by its own software (`runtime.haptics`): it tells the driver's next movement, the glove's program plays it, the
 driver feels the motors and moves the stick, and the stick reaches the chair's lines through the board. At the levels guard and
@@ -161,7 +161,7 @@ class GuidedTrial:
     def drive_to(self, goal: Place, time_limit_s: float) -> GuidedRecord:
         """Be led to a place until the arrival, the limit, or until no steps lead on.
 
-        At the level guard nobody says anything, and a driver who cannot see stands.
+        At the level guard nobody says anything, and a driver without sight stands.
         """
         return self._drive(goal, time_limit_s, lambda: self._ask(goal))
 
@@ -185,7 +185,7 @@ class GuidedTrial:
 
     @property
     def _led(self) -> HapticGuide:
-        assert self._guide is not None  # a driver who cannot see has one
+        assert self._guide is not None  # a driver without sight has one
         return self._guide
 
     def _map_from_odom(self) -> Pose2:

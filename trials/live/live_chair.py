@@ -98,7 +98,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
         unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
         travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`. `habits`:
-        the rider's record. `haptics`: a rider who cannot see is told and led. `kept_level`: the rider's last level of help, which
+        the rider's record. `haptics`: a rider without sight is told and led. `kept_level`: the rider's last level of help, which
         is offered.
 
         Raises:

@@ -1,1 +1,1 @@
-"""Figures of guidance for drivers who cannot see. Begin with `blind_doors.py`."""
+"""Figures of guidance for drivers without sight. Begin with `blind_doors.py`."""

@@ -1,4 +1,4 @@
-"""Doors by touch: simulated drivers who cannot see, led by the glove through doors of two widths from four directions.
+"""Doors by touch: simulated drivers without sight, led by the glove through doors of two widths from four directions.
 
 The whole simulated chair with lidar noise and localiser, the C of board and glove, and the board's guard.
 `BLIND_DOORS_RUNS=1` takes so many runs of each direction instead of 25; `BLIND_DOORS_ONLY="A 0.9"` takes one chair and width,

@@ -1,4 +1,4 @@
-"""Hours of errands of ten simulated drivers who cannot see, from place to place of a clinic with people.
+"""Hours of errands of ten simulated drivers without sight, from place to place of a clinic with people.
 
 Errands come in shifts of `SHIFT_S` simulated seconds, each with another driver and seed. `BLIND_ERRANDS_HOURS=0.2` takes so many
 hours instead of 10; shifts that are done are not driven again, so that more hours go on from there.

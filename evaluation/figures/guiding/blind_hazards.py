@@ -1,4 +1,4 @@
-"""A driver who cannot see pushes forward without a pause, at the level guard, and nobody advises: no fall, no hard contact.
+"""A driver without sight pushes forward without a pause, at the level guard, and nobody advises: no fall, no hard contact.
 
 The whole simulated chair with the board's C. `BLIND_HAZARDS_RUNS=4` takes so many runs of each hazard instead of 100;
 `BLIND_HAZARDS_ONLY="glass door"` takes one hazard, `BLIND_HAZARDS_FIRST=200` begins at another seed.

@@ -1,4 +1,4 @@
-"""Different simulated drivers who cannot see at the door of 0.90 m: as they come, and after doors from which the chair learns.
+"""Different simulated drivers without sight at the door of 0.90 m: as they come, and after doors from which the chair learns.
 
 `BLIND_PEOPLE_RUNS=1` takes so many runs of each direction instead of 15; `BLIND_PEOPLE_DOORS=4` lets the chair learn from so many
 doors in a row instead of 20, `BLIND_PEOPLE_ONLY=older` takes one driver.

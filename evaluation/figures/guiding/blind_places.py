@@ -1,4 +1,4 @@
-"""Places by touch: simulated drivers who cannot see, led through buildings with and without people, and past a door that is shut.
+"""Places by touch: simulated drivers without sight, led through buildings with and without people, and past a door that is shut.
 
 `BLIND_PLACES_RUNS=2` takes so many drives of each route instead of 20; `BLIND_PLACES_ONLY="ward to bath"` takes the routes whose
 names hold this, `BLIND_PLACES_BASELINES=0` leaves out full autonomy.

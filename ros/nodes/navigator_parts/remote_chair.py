@@ -41,7 +41,7 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ChairNow:
-    """What the navigator's node knows now: poses, twist, the drive and its goal, the bridge's report, floor and map.
+    """The navigator node's present knowledge: poses, twist, the drive and its goal, the bridge's report, floor and map.
 
     `floor`: the one told last; `revision`: of the map that the node has.
     """
@@ -62,7 +62,7 @@ class LegDriver(Protocol):
     """The navigator's node."""
 
     def now(self) -> ChairNow:
-        """Return what it knows of the chair."""
+        """Return its view of the chair."""
 
     def begin_leg(self, goal: Goal, goal_id: int) -> None:
         """Start a drive to a goal, which waits for a confirmation. Raises `WaychairError` if it cannot start."""

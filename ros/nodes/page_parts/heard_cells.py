@@ -20,7 +20,7 @@ _SILENT_NS = 2_000_000_000
 
 
 class HeardCells:
-    """What the cells node has told last; nothing while there is none."""
+    """The last word of the cells node; nothing while there is none."""
 
     _cells: tuple[int, PerceptionView] | None = None
 

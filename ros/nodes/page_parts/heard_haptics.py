@@ -20,7 +20,7 @@ _SILENT_NS = 2_000_000_000
 
 
 class HeardHaptics:
-    """What the glove node has told last, nothing while there is none, and its services."""
+    """The last word of the glove node, nothing while there is none, and its services."""
 
     _told: tuple[int, HapticState] | None = None
 
@@ -72,7 +72,7 @@ _ASKS = ("end", "say_again", "say_where")
 
 
 class HeardSenses(HeardCells, HeardHaptics):
-    """What both nodes have told last."""
+    """The last words of both nodes."""
 
     def _listen_to_senses(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._listen_to_cells(node, body)

@@ -236,7 +236,7 @@ class LedRider:
         return GuardView() if view is None else view
 
     def _fresh(self, last: LastMessage, now_ns: int) -> Any:
-        """Return what was told last; None if that is long ago."""
+        """Return the last word; None if that is long ago."""
         return last.value if now_ns - last.at_ns <= _SILENT_NS else None
 
     def _around(self) -> RiderSurroundings:

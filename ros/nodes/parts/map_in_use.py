@@ -1,4 +1,4 @@
-"""The drawing on the map in use: the folder is noted by a node's loop, and its files are read by whoever asks for them."""
+"""The drawing on the map in use: the folder is noted by a node's loop, and its files are read when somebody asks for them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class MapInUse:
         return changes
 
     def layout(self) -> LayoutView | None:
-        """Return what is drawn; None if there is no drawing."""
+        """Return the drawing; None if there is no drawing."""
         with self._lock:
             editor = self._editor()
             return (
@@ -43,7 +43,7 @@ class MapInUse:
             )
 
     def change(self, change: Callable[[DrawingEditor], None]) -> None:
-        """Change what is drawn.
+        """Change the drawing.
 
         Raises:
             WaychairError: a map is being made, its drawing is broken, or the change is refused.

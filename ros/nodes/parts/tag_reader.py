@@ -1,4 +1,4 @@
-"""AprilTags in the pictures of a node's camera, read in a worker, for whoever wants a building's words of them."""
+"""AprilTags in the pictures of a node's camera, read in a worker, for all parts that want a building's words of them."""
 
 from __future__ import annotations
 

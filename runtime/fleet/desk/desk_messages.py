@@ -15,7 +15,7 @@ TOLD, GIVEN = "told", "given"
 """Kinds of messages, as the transport names them."""
 
 TOLD_NS, GIVEN_NS = 1_000_000_000, 1_000_000_000
-"""A chair says so often what it says, and a priority is repeated so often while it holds."""
+"""A chair repeats its words so often, and a priority is repeated so often while it holds."""
 
 GIVEN_LAPSES_NS = 5_000_000_000
 """A chair has its own priority again when it has not heard of the given one for so long: the desk is gone."""
@@ -25,7 +25,7 @@ _Number = Annotated[int, Meta(ge=0, le=0xFFFF)]
 
 
 class Told(Struct, frozen=True, array_like=True):
-    """What a chair says: its goal and priority, what its rider is told, and its wait.
+    """A chair's words: its goal and priority, its rider's sentence, and its wait.
 
     Attributes:
         goal: the refuge it wants to go to; empty: none.

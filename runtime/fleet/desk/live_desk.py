@@ -22,7 +22,7 @@ _RULES = {each.value: each for each in Reason}
 
 
 class LiveDesk:
-    """What the desk has heard of all chairs of a fleet; `note` receives a record of each ended wait, for the audit."""
+    """The desk's news of all chairs of a fleet; `note` receives a record of each ended wait, for the audit."""
 
     def __init__(self, fleet: Fleet, desk: StaffDesk, note: Callable[[Json], None] = lambda record: None) -> None:
         self._fleet, self._desk, self._note = fleet, desk, note
@@ -54,7 +54,7 @@ class LiveDesk:
         return [(GIVEN, note_bytes(Given(chair, int(priority)))) for chair, priority in given.items()]
 
     def view(self, now_ns: int) -> Json:
-        """Return what the staff's page shows."""
+        """Return the staff's page."""
         states = {number: state for number, (_, state) in self._watch.states.items()}
         chairs = [
             self._row(number, states.get(number), now_ns) for number in sorted(self._fleet.chairs) if number in states

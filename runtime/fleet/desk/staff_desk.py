@@ -123,7 +123,7 @@ def staff_view(
     given: Mapping[int, GivenPriority],
     now_ms: int,
 ) -> Json:
-    """Return what the staff's page shows, as plain values: chairs, queues, closures, and the waits that have ended.
+    """Return the staff's page, as plain values: chairs, queues, closures, and the waits that have ended.
 
     `ended`: records of `waits.Audit`, the earliest first; the page shows the latest ones. Chairs are numbers.
     """
@@ -164,7 +164,7 @@ def desk_view(
     ended: Iterable[Json],
     now_ms: int,
 ) -> Json:
-    """Return what the staff's page shows, from its rows of chairs, the chairs before each place, and the waits that have ended."""
+    """Return the staff's page, from its rows of chairs, the chairs before each place, and the waits that have ended."""
     waits = list(ended)[-_WAITS_SHOWN:]
     return {
         "chairs": list(chairs),

@@ -1,6 +1,6 @@
 """Keys of a fleet: a certificate authority of the site, and a certificate with a key for each chair, named after it.
 
-Whoever has the authority's key can add chairs: it stays on one computer, and never goes to a chair.
+With the authority's key anybody can add chairs: it stays on one computer, and never goes to a chair.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The seam between peers and their network: bytes of a kind to all or one, and what has come.
+"""The seam between peers and their network: bytes of a kind to all or one, and the messages that come.
 
 `zenoh_transport.py` is the network of real chairs; the seeded network of simulations is the other one.
 """
@@ -15,7 +15,7 @@ class PeerTransport(Protocol):
         """Send bytes to a peer, or to all others."""
 
     def received(self) -> list[tuple[int, bytes]]:
-        """Return what has come since the last call, with the number of each sender as the network knows it."""
+        """Return the messages since the last call, with the number of each sender as the network knows it."""
 
     def close(self) -> None:
         """Leave the network."""

@@ -222,7 +222,7 @@ class ZenohTransport:
         self._publishers[key].put(data)
 
     def received(self) -> list[tuple[int, bytes]]:
-        """Return what has come since the last call, with the number under which each sender was let in."""
+        """Return the messages since the last call, with the number under which each sender was let in."""
         self.is_urgent = False
         return self._inbox.fetch()
 
@@ -266,7 +266,7 @@ class ZenohListener:
         self._inbox = _Inbox(self._session, f"{ROOT}/{building}/*/*/{_EVERYBODY}", names)
 
     def received(self) -> list[tuple[int, bytes]]:
-        """Return what has come since the last call, with the numbers of the senders."""
+        """Return the messages since the last call, with the numbers of the senders."""
         return self._inbox.fetch()
 
     def received_aside(self) -> list[tuple[int, bytes]]:
@@ -322,7 +322,7 @@ class LocalBus:
         self._publishers[key].put(data)
 
     def received(self) -> list[tuple[str, bytes]]:
-        """Return what has come since the last call, with its keys."""
+        """Return the messages since the last call, with its keys."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def close(self) -> None:

@@ -38,7 +38,7 @@ class ConnectionState(enum.Enum):
 
 
 class OperatingMode(enum.Enum):
-    """Who drives."""
+    """The driver."""
 
     STARTUP = "STARTUP"
     AUTOMATIC = "AUTOMATIC"
