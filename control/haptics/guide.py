@@ -358,7 +358,7 @@ class _Tick:
             return self._ask_again(Symbol.FORWARD, reason, state)
         ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + KEEPS_WAITING_S)
         if abs(error) > limit and not ends_soon:
-            return self._say(side, f"{reason}, {math.degrees(error):.0f} degrees off", state)
+            return self._say(side, f"{reason}, {abs(math.degrees(error)):.0f} degrees off", state)
         if self._silent_s(state) > REPEAT_S and not ends_soon:
             return self._say(Symbol.FORWARD, reason, state)
         return self._quiet(reason, state)
@@ -377,7 +377,7 @@ class _Tick:
         if pending or state.nudges:
             return self._quiet(reason, state)
         if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V:
-            return self._say(side, f"straighten, {math.degrees(error):.0f} degrees off", state)
+            return self._say(side, f"straighten, {abs(math.degrees(error)):.0f} degrees off", state)
         if state.said is Symbol.FORWARD:
             return self._ask_again(Symbol.FORWARD, reason, state)
         return self._say(Symbol.FORWARD, reason, state)
