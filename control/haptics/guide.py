@@ -443,7 +443,9 @@ class _Tick:
         offset, turned = state.aim.offset, state.aim.turned
         if abs(offset) <= GATE_OFFSET * room_askew(step, turned, self.guide.body) and abs(turned) <= GATE_TURN:
             return None
-        return self._retry(state, f"{abs(100.0 * offset):.0f} cm and {abs(math.degrees(turned)):.0f} degrees off the door")
+        return self._retry(
+            state, f"{abs(100.0 * offset):.0f} cm and {abs(math.degrees(turned)):.0f} degrees off the door"
+        )
 
     def _aimed(self, step: Step, state: GuideState, course: Pose2) -> GuideState:
         """Return the state with the aim at the door, smoothed: one noisy pose must not break a good try off."""
