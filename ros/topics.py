@@ -102,7 +102,7 @@ SIGNAL = RosTopic("perception/signal", "std_msgs/msg/String", RELIABLE)
 """The signal of the behaviour cells to a rider without sight, in words, at each change."""
 
 PERCEPTION = RosTopic("perception/state", "std_msgs/msg/String", RELIABLE)
-"""The behaviour cells as a page shows them: a JSON object of `runtime.perception_view.PerceptionView`."""
+"""The behaviour cells as a page shows them: a JSON object of `runtime.pages.perception_view.PerceptionView`."""
 
 DOORWAYS = RosTopic("perception/doorways", "geometry_msgs/msg/PoseArray", RELIABLE, ODOM_FRAME)
 """The doorways near the chair that range has borne out: the middle of each, x leads through it."""
@@ -130,7 +130,7 @@ UNSCANNED = RosTopic("guard/unscanned", "std_msgs/msg/String", RELIABLE, MAP_FRA
 """Drop-offs and things near the chair that no scan shows, for the guard: a JSON object of `runtime.rider.guard_points.GuardPoints`."""
 
 SEEN_WALLS = RosTopic("guard/seen_walls", "std_msgs/msg/String", RELIABLE, ODOM_FRAME)
-"""Walls near a chair whose rider is led without a map, for the guard: `GuardPoints` as JSON, which are behind the chair by now."""
+"""Walls near a chair whose rider is led without a map, for the guard, as they may be behind it by now: JSON of `GuardPoints`."""
 
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 

@@ -53,8 +53,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             cases[item.nodeid.split("[")[0], sample.args[0]].append(item)
     for (_, count), alike in cases.items():
         sampled = {k * len(alike) // count for k in range(count)}
-        for k in sorted(set(range(len(alike))) - sampled):
-            alike[k].add_marker(pytest.mark.nightly)
+        for k, item in enumerate(alike):
+            if k not in sampled:
+                item.add_marker(pytest.mark.nightly)
     if os.environ.get("WAYCHAIR_REALTIME") == "1":
         return
     alone = pytest.mark.skip(reason="keeps real time: run with WAYCHAIR_REALTIME=1, in one process")

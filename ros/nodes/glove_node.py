@@ -110,9 +110,10 @@ class GloveNode(ChairNode[GloveNodeSettings]):
         count = self._state.count
         self._state = self._rider.step(now_ns, self._wanted)
         self._ticks += 1
-        if self._ticks % _SHOWN_EVERY == 0:
+        is_due = self._ticks % _SHOWN_EVERY == 0
+        if is_due:
             self._rider.tell_walls()
-        if self._state.count > count or self._ticks % _SHOWN_EVERY == 0:
+        if is_due or self._state.count > count:
             self._send_state(haptic_state(self._state))
 
 

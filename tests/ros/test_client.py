@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -70,3 +72,12 @@ def test_an_unreadable_message_is_named_if_no_other_comes(ros: Harness, client: 
     assert not isinstance(caught.value, MessageError)
     client.node.destroy_timer(timer)
     ros.node.destroy_publisher(publisher)
+
+
+def test_a_command_that_only_asks_loads_no_planner_and_no_kernels(ros_domain: int) -> None:
+    program = (
+        "import sys, waychair.ros.client\nheavy = {'numba', 'scipy', 'gtsam', 'matplotlib'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

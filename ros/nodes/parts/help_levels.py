@@ -20,6 +20,7 @@ from waychair.ros.messages.haptics import read_haptic_state
 from waychair.ros.messages.json_text import read_json_text
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.bridge_state import Localised
+from waychair.ros.topics import RosTopic
 from waychair.runtime.drive_base import DriveBase
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.rider.guard_points import IN_ODOM, GuardPoints, ToldPoints
@@ -36,9 +37,7 @@ class HelpLevels:
 
     def __init__(self, node: ChairNode[Any], base: DriveBase, at_start: str) -> None:
         self._node, self._base = node, base
-        self._unscanned, self._seen_walls = ToldPoints(), ToldPoints()
-        node.listen(topics.UNSCANNED, _read_points, self._take_points, needed=False)
-        node.listen(topics.SEEN_WALLS, _read_points, self._take_walls, needed=False)
+        self._unscanned, self._seen_walls = self._points_of(topics.UNSCANNED), self._points_of(topics.SEEN_WALLS)
         node.listen(topics.HAPTIC_STATE, read_haptic_state, self._take_haptics, needed=False)
         base.guard.offer(level_of(at_start))
         self._publish = node.publisher(topics.GUARD)
@@ -63,11 +62,11 @@ class HelpLevels:
         walls = self._seen_walls.seen_from(base.motion.odom_from_base(now_ns), IN_ODOM, now_ns)
         base.guard.unscanned = known if known is None or walls is None else known.with_mapped(walls.mapped)
 
-    def _take_points(self, told: GuardPoints) -> None:
-        self._unscanned.take(told, time.monotonic_ns())
-
-    def _take_walls(self, told: GuardPoints) -> None:
-        self._seen_walls.take(told, time.monotonic_ns())
+    def _points_of(self, topic: RosTopic) -> ToldPoints:
+        """Listen to points for the guard, and return the place of the last ones."""
+        points = ToldPoints()
+        self._node.listen(topic, _read_points, lambda told: points.take(told, time.monotonic_ns()), needed=False)
+        return points
 
     def _take_haptics(self, state: HapticState) -> None:
         """Hold the stick of a rider who is led as the guide asks for."""

@@ -134,8 +134,10 @@ class LedRider:
         """Tell the guard of the walls that were seen on a way without a map, as they may be behind the chair by now."""
         now_ns = self._node.now_ns()
         pose = self._track.odom_from_base(now_ns)
-        walls = None if pose is None else self.guide.seen_walls(pose, BLIND_WITHIN + SENT_BEYOND)
-        if pose is not None and walls is not None:
+        if pose is None:
+            return
+        walls = self.guide.seen_walls(pose, BLIND_WITHIN + SENT_BEYOND)
+        if walls is not None:
             self._send_walls(json_text(GuardPoints.near(now_ns, IN_ODOM, Unscanned(mapped=walls), pose)))
 
     def _listen(self, scan_frame: str) -> None:

@@ -132,16 +132,18 @@ def access_control(names: Sequence[str]) -> dict[str, Any]:
 class _Inbox:
     """Messages of peers until they are fetched. Those to everybody are many, and wake no thread of Python when they come.
 
-    `aside`: messages beside the peers' own.
+    `numbers` of the fleet's peers by their names; messages of others are not taken in.
     """
 
-    def __init__(self, session: zenoh.Session, to_everybody: str, names: Mapping[str, int]) -> None:
+    def __init__(self, session: zenoh.Session, fleet: FleetFile, building: str) -> None:
         import zenoh
 
-        self._names = names
-        self._waiting = session.declare_subscriber(to_everybody, zenoh.handlers.RingChannel(MOST_WAITING))
+        self.numbers = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
+        self._waiting = session.declare_subscriber(
+            f"{ROOT}/{building}/*/*/{_EVERYBODY}", zenoh.handlers.RingChannel(MOST_WAITING)
+        )
         self._alone: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
-        self.aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+        self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
 
     def put(self, sample: zenoh.Sample) -> str:
         """Put in a message to this peer alone, in any thread; return its kind, empty if it is not taken in."""
@@ -162,19 +164,19 @@ class _Inbox:
 
     def fetch_aside(self) -> list[tuple[int, bytes]]:
         """Return the messages beside the peers' own; those to everybody are among them once `fetch` has met them."""
-        return [self.aside.popleft() for _ in range(len(self.aside))]
+        return [self._aside.popleft() for _ in range(len(self._aside))]
 
     def _sort(self, sample: zenoh.Sample, peers: deque[tuple[int, bytes]]) -> str:
         _, _, kind, name, _ = str(sample.key_expr).split("/")
-        number = self._names.get(name)
+        number = self.numbers.get(name)
         if number is None:
             return ""
-        (self.aside if kind in _ASIDE else peers).append((number, sample.payload.to_bytes()))
+        (self._aside if kind in _ASIDE else peers).append((number, sample.payload.to_bytes()))
         return kind
 
 
 class ZenohTransport:
-    """A peer's end of a Zenoh network. Its callbacks only queue; `received` empties the queue.
+    """A peer's end of a Zenoh network. Messages wait in its inbox until `received` fetches them.
 
     `is_urgent`: a Request or an Answer has come since the last `received`.
     """
@@ -194,18 +196,21 @@ class ZenohTransport:
         """
         own_name = fleet.name(fleet.number)
         self._base, self._own = f"{ROOT}/{building}", own_name
-        self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._urgent = threading.Event()
         self.is_urgent = False
         self._session = open_session(fleet, lan, mode)
-        self._inbox = _Inbox(self._session, f"{self._base}/*/*/{_EVERYBODY}", self._names)
+        self._inbox = _Inbox(self._session, fleet, building)
         self._session.declare_subscriber(f"{self._base}/*/*/{own_name}", self._take)
         self._token = self._session.liveliness().declare_token(f"{self._base}/alive/{own_name}/{_EVERYBODY}")
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
 
     def send(self, to: int | None, kind: str, data: bytes) -> None:
         """Send bytes to a peer, or to all others; it never waits."""
-        target = _EVERYBODY if to is None else next((name for name, number in self._names.items() if number == to), "")
+        target = (
+            _EVERYBODY
+            if to is None
+            else next((name for name, number in self._inbox.numbers.items() if number == to), "")
+        )
         if not target:
             return
         key = (kind, target)
@@ -239,7 +244,7 @@ class ZenohTransport:
         """Return the numbers of the peers whose links are up; a hint only, the age of their States decides."""
         replies = self._session.liveliness().get(f"{self._base}/alive/*/{_EVERYBODY}", timeout=1.0)
         names = {str(reply.ok.key_expr).split("/")[3] for reply in replies if reply.ok is not None}
-        return frozenset(self._names[name] for name in names if name in self._names)
+        return frozenset(number for name, number in self._inbox.numbers.items() if name in names)
 
     def close(self) -> None:
         """Leave the network."""
@@ -261,9 +266,8 @@ class ZenohListener:
         protocol = "tls" if keys else "tcp"
         own = f"{protocol}/127.0.0.1:0"
         settings = zenoh_settings("peer", (own,), (fleet.own_endpoint, *fleet.other_endpoints), keys, fleet.names)
-        names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._session = _opened(settings, own)
-        self._inbox = _Inbox(self._session, f"{ROOT}/{building}/*/*/{_EVERYBODY}", names)
+        self._inbox = _Inbox(self._session, fleet, building)
 
     def received(self) -> list[tuple[int, bytes]]:
         """Return the messages since the last call, with the numbers of the senders."""

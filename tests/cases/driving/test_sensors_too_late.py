@@ -89,7 +89,6 @@ def test_a_lidar_too_slow_or_too_late_for_any_speed_refuses_the_drive_once_by_na
         assert ride.stands
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("change", [every(2), delayed(2)], ids=["5 Hz", "100 ms late"])
 def test_a_lidar_slow_or_late_enough_for_a_low_speed_drives_slowly_and_without_a_break(
     change: Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]],

@@ -56,7 +56,6 @@ def test_the_window_reaches_as_far_as_the_command_can_change_with_limited_jerk(a
     assert result.candidates[:, 0].max() == pytest.approx(min(fastest, limits.max_speed), abs=2e-3)
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("half_width", "passes"), [(0.2, True), (0.3, False)])
 def test_a_chair_drives_through_a_low_gap_that_fits_only_its_feet(half_width: float, passes: bool) -> None:
     """0.55 m between two low things, for a chair 0.6 m wide: as wide as its feet are."""

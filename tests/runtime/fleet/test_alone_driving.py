@@ -122,7 +122,6 @@ def test_a_chair_that_still_drives_faces_nobody() -> None:
     assert driver.retreats == 0
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("x", "heading", "goal"), [(9.0, 0.0, GOAL), (19.5, math.pi, START)], ids=["west", "east"])
 def test_a_chair_whose_goal_is_taken_backs_out_on_either_side(x: float, heading: float, goal: str) -> None:
     """Whoever stands in its goal leaves it only past this chair."""
