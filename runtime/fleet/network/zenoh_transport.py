@@ -32,9 +32,10 @@ MOST_WAITING = 4_000
 LARGEST = 65_536
 """bytes of a message that is taken in at all."""
 
-_THREADS = ("ZENOH_RUNTIME", "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx))")
-"""Zenoh's threads, unless the owner of the computer sets them: small messages need one, and several would wake each other. On two
-cores 30 peers took 0.86 cores so, and 1.1 by default.
+_THREADS = ("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
+"""Zenoh's threads, unless the owner of the computer sets them: small messages come in on one, as two would wake each other (30 peers
+on two cores: 1.08 cores, and 1.16 by default). With one thread for everything it would be 0.86, but then a router of Zenoh 1.10.2
+let nobody in any more after some of its programs were killed.
 """
 
 _EVERYBODY = "all"
