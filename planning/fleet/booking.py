@@ -58,7 +58,7 @@ def booked(
         resource = int(ways.resource[stay.spot])
         turn = Turn(chair, own.visit + k)
         queues[resource] = _with_turn(order, known, queues.get(resource, ()), turn, stay.from_ms)
-    chain = Chain(tuple(stay.spot for stay in way), own.visit, own.entered_ms, own.ready_ms, own.behind, request)
+    chain = replace(own, spots=tuple(stay.spot for stay in way), request=request, overtaken_by=frozenset())
     waiting = tuple(each for each in order.waiting if each.number != request.number)
     return replace(order, chains={**order.chains, chair: chain}, queues=queues, waiting=waiting), booking
 

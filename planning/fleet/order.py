@@ -48,6 +48,7 @@ class Chain:
         entered_ms: when the chair entered it.
         ready_ms: when it can leave it, if nobody is in its way.
         behind: numbers of earlier spots, with the spots, that its rear has not left.
+        leaves_ms: when the chair says that it will have left these, the earliest first; it may know of some only.
         request: the request that it serves; none when the chair is idle.
         overtaken_by: numbers of the requests that went first though they were made later.
     """
@@ -57,6 +58,7 @@ class Chain:
     entered_ms: int = 0
     ready_ms: int = 0
     behind: tuple[tuple[int, int], ...] = ()
+    leaves_ms: tuple[int, ...] = ()
     request: Request | None = None
     overtaken_by: frozenset[int] = frozenset()
 
@@ -196,12 +198,14 @@ def cleared(order: Order, chair: int) -> Order:
     queues[resource] = tuple(turn for turn in queues[resource] if turn != Turn(chair, visit))
     if not queues[resource]:
         del queues[resource]
-    return replace(order, chains={**order.chains, chair: replace(chain, behind=tuple(others))}, queues=queues)
+    left = replace(chain, behind=tuple(others), leaves_ms=chain.leaves_ms[1:])
+    return replace(order, chains={**order.chains, chair: left}, queues=queues)
 
 
-def held_up(order: Order, chair: int, ready_ms: int) -> Order:
-    """Return the order with a new time at which a chair can leave its spot, as it stands or drives slowly."""
-    return replace(order, chains={**order.chains, chair: replace(order.chains[chair], ready_ms=ready_ms)})
+def held_up(order: Order, chair: int, ready_ms: int, leaves_ms: tuple[int, ...] = ()) -> Order:
+    """Return the order with new times at which a chair can leave its spot, and has left those behind, see `Chain`."""
+    chain = replace(order.chains[chair], ready_ms=ready_ms, leaves_ms=leaves_ms)
+    return replace(order, chains={**order.chains, chair: chain})
 
 
 def stopped(order: Order, chair: int) -> Order:
@@ -222,8 +226,9 @@ def stopped(order: Order, chair: int) -> Order:
 
 
 def _left_behind(order: Order, chair: int, now_ms: int, clearing_ms: int) -> dict[Turn, int]:
-    """Return when a chair will have left the spots in which its rear is, of which it may have entered several at once: it drives
-    through them until it is ready to go on.
+    """Return when a chair will have left the spots in which its rear is, by its word where it gave it.
+
+    It may have entered several at once, and drives through them until it is ready to go on.
     """
     chain = order.chains[chair]
     entered_ms = chain.ready_ms - int(order.ways.passing_ms[chain.spots[0]])
@@ -231,6 +236,8 @@ def _left_behind(order: Order, chair: int, now_ms: int, clearing_ms: int) -> dic
     for visit, spot in reversed(chain.behind):
         found[Turn(chair, visit)] = max(now_ms, max(entered_ms, chain.entered_ms) + clearing_ms)
         entered_ms -= int(order.ways.passing_ms[spot])
+    for (visit, _), left_ms in zip(chain.behind, chain.leaves_ms, strict=False):
+        found[Turn(chair, visit)] = max(now_ms, left_ms)
     return found
 
 

@@ -62,12 +62,14 @@ class ChairReport:
         visits: number of the spot that it is in, among all that it was granted.
         behind: spots before that one that its rear has not left.
         ready_in_ms: time until it can leave the spot.
+        leaves_in_ms: time until its rear has left each of those behind, the earliest first, as far as the chair knows.
     """
 
     chair: int
     visits: int
     behind: int = 0
     ready_in_ms: int = 0
+    leaves_in_ms: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +187,8 @@ def _followed(order: Order, report: ChairReport, now_ms: int) -> Order:
         order = entered(order, report.chair, now_ms)
     while len(order.chains[report.chair].behind) > max(report.behind, 0):
         order = cleared(order, report.chair)
-    return held_up(order, report.chair, now_ms + report.ready_in_ms)
+    leaves_ms = tuple(now_ms + each for each in report.leaves_in_ms)
+    return held_up(order, report.chair, now_ms + report.ready_in_ms, leaves_ms)
 
 
 def _is_late(state: WardenState, order: Order, now_ms: int) -> bool:

@@ -148,8 +148,10 @@ class ChainDriver:
             beyond = self._ways.graph.section[here.section or ""].other(self._start_of(here))
             room = self._rooms[beyond, here.section or ""]
             line = self._chain.line_at(self._chain.ends_at(piece) - room, here.at(here.length - room)[2])
-        left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
-        report = ChairReport(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
+        left = float(self._chain.along[-1]) - self._way if until == math.inf else until - front
+        ready_in_ms = 0 if left < AT_LINE or self.arrived else round(1e3 * left / self._ways.speed)
+        leaves_in_ms = self._leaves_in_ms(rear, front, until, piece)
+        report = ChairReport(self._number, self._visit, len(self._behind), ready_in_ms, leaves_in_ms)
         bars: tuple[Zone, ...] = ()
         if goals:
             bars = bars_off(self._ways, self._spot_places, self._rings, (*self._behind, *self._ahead))
@@ -211,6 +213,21 @@ class ChainDriver:
             if not arrived and rear < until + LEFT_BEYOND and until > begins_at:
                 break
             self._behind.pop(0)
+
+    def _leaves_in_ms(self, rear: float, front: float, until: float, piece: int) -> tuple[int, ...]:
+        """Return the time until the rear has left each spot behind, as far as it leaves them before it stops at a way [m] or folds."""
+        assert self._chain is not None
+        arrives = until == math.inf
+        stops = float(self._chain.along[-1]) if arrives else until - (front - rear) / 2
+        folds = self._chain.ends_at(piece)
+        found = []
+        for k in range(self._first - len(self._behind), self._first):
+            end = float(self._chain.until[k])
+            left, most = end + LEFT_BEYOND - rear, min(stops, folds) - self._way
+            if end > folds or (left > most and not arrives and folds > stops):
+                break
+            found.append(round(1e3 * max(min(left, most), 0.0) / self._ways.speed))
+        return tuple(found)
 
     def _backs_out(self) -> bool:
         """Return whether the entered spot is a section that the chair leaves where it came in."""

@@ -109,6 +109,7 @@ class PeerDriver:
             self.entered,
             self._visit,
             driven.report.ready_in_ms,
+            driven.report.leaves_in_ms,
             wants,
             wish,
             manual,

@@ -214,7 +214,8 @@ class NetworkedChairs:
         wants = _WANTED if ready_ms < _NEAR_MS and wish is not None else 0
         blocked = {chair.sees_shut: _SHUT_MS} if chair.sees_shut else {}
         chair.sees_shut = ""
-        own = Own(tuple(spot for spot, _ in chair.body), chair.visit, ready_ms, wants, wish, blocked=blocked)
+        leaves_ms = tuple(max(at_ms - self.now_ms, 0) for _, at_ms in chair.body[:-1])
+        own = Own(tuple(spot for spot, _ in chair.body), chair.visit, ready_ms, leaves_ms, wants, wish, blocked=blocked)
         step = chair.peer.step(clock_ns, own, self.network.received(now_ns, chair.number))
         chair.authority = step.authority
         send = step.send

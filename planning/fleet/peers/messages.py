@@ -109,6 +109,7 @@ class State(Struct, frozen=True, array_like=True, tag="state"):
         visit: the number of the front one among all that this chair has entered.
         released: spots beyond it that it was allowed to enter.
         ready_ms: time until it can leave the front spot.
+        leaves_ms: time until its rear has left each of the others, the rearmost first, as far as it is known.
         wants: spots that it would like to enter now.
         mode: IN_ORDER, ALONE or MANUAL.
         stance: counts the times when the chair gave back all that it had not entered.
@@ -125,6 +126,7 @@ class State(Struct, frozen=True, array_like=True, tag="state"):
     visit: Count = 0
     released: Spots = ()
     ready_ms: Milliseconds = 0
+    leaves_ms: Annotated[tuple[Milliseconds, ...], Meta(max_length=MOST_SPOTS)] = ()
     wants: Annotated[int, Meta(ge=0, le=MOST_SPOTS)] = 0
     mode: Annotated[int, Meta(ge=0, le=2)] = IN_ORDER
     stance: Count = 0

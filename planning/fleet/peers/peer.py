@@ -94,6 +94,7 @@ class Own:
     entered: tuple[int, ...] = ()
     visit: int = 0
     ready_ms: int = 0
+    leaves_ms: tuple[int, ...] = ()
     wants: int = 0
     wish: OwnWish | None = None
     manual: bool = False
@@ -416,6 +417,7 @@ class Peer:
             visit=own.visit,
             released=authority.spots,
             ready_ms=own.ready_ms,
+            leaves_ms=own.leaves_ms,
             wants=own.wants,
             mode=self._mode,
             stance=self._stance,

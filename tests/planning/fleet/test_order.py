@@ -163,6 +163,9 @@ def test_spots_that_a_chair_entered_at_once_are_left_as_it_drives_through_them()
     left = [times[Turn(1, visit)].until_ms for visit, _ in chain.behind]
     assert left == [1000 + sum(after[:k]) + CLEARING_MS for k in range(3)]
     assert left[0] < left[1] < left[2]
+    told = foreseen(held_up(order, 1, 1000 + sum(after), (1500, 900)), 1000, CLEARING_MS)
+    assert told is not None
+    assert [told[Turn(1, visit)].until_ms for visit, _ in chain.behind] == [1500, 1000, left[2]]
 
 
 def test_a_late_chair_keeps_the_others_in_their_order_and_its_time_is_foreseen() -> None:

@@ -12,7 +12,7 @@ from waychair.planning.fleet.peers.messages import Answer, Hello, Reader, State,
 BUILDING = "0123456789ab"
 ANSWER = Answer(2, 7, 1, 3, 9, messages.GRANTED, 10, 3000, 4, (5, 6, 7), 5)
 STATE = State(
-    (1, 2), 8, (3,), 100, 1, 0, 4, Term(1, 99, 3), 12345, 2, 0, False, False, (5001, 2), Wish(1, "lift", 1, 500)
+    (1, 2), 8, (3,), 100, (50,), 1, 0, 4, Term(1, 99, 3), 12345, 2, 0, False, False, (5001, 2), Wish(1, "lift", 1, 500)
 )
 
 
