@@ -19,6 +19,9 @@ from waychair.types import Json
 IDLE_MS = 300_000
 """ms after which a chair that others wait for is asked to make room."""
 
+LATE_MS = 1_000
+"""A wait that is foreseen to end within so many ms goes on for an unknown time: the chair ahead is late, or turns where it is."""
+
 
 class Reason(enum.Enum):
     """The rule by which the other chair goes first."""
@@ -115,6 +118,7 @@ def _wait(order: Order, chair: int, now_ms: int, times: Mapping[Turn, Stay] | No
     chain, other, spot = order.chains[chair], order.in_front(chair), order.next_spot(chair)
     assert spot is not None
     theirs = None if other is None else _priority(order.chains[other], now_ms)
+    left_ms = None if times is None else times[Turn(chair, chain.visit + 1)].from_ms - now_ms
     return Wait(
         chair,
         other,
@@ -122,7 +126,7 @@ def _wait(order: Order, chair: int, now_ms: int, times: Mapping[Turn, Stay] | No
         Reason.CLOSED if other is None else _reason(chain, order.chains[other], now_ms),
         (_priority(chain, now_ms) or Priority.ROUTINE, theirs),
         now_ms - chain.ready_ms,
-        None if times is None else times[Turn(chair, chain.visit + 1)].from_ms - now_ms,
+        None if left_ms is None or left_ms < LATE_MS else left_ms,
     )
 
 

@@ -11,7 +11,7 @@ from tests.planning.fleet.test_order import CLEARING_MS, ordered
 from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.order import Chain, Order, Request, Turn, asked, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
-from waychair.planning.fleet.waits import IDLE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
+from waychair.planning.fleet.waits import IDLE_MS, LATE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
 from waychair.planning.fleet.warden import ChairReport, Heard, Lease, RequestWord, WardenState, decided
 from waychair.planning.fleet.ways import ways_of
 
@@ -41,6 +41,21 @@ def test_the_second_of_two_chairs_waits_and_the_audit_compares_foreseen_and_real
     assert audit.ended
     assert all(set(each) >= {"place", "waits", "first", "rule", "foreseen_s", "real_s"} for each in audit.ended)
     assert audit.foreseen_right() == 1.0
+
+
+def test_a_wait_for_a_chair_that_is_late_is_told_without_seconds() -> None:
+    order = ordered(TEE, {1: "P", 2: "Q"}, {1: "S", 2: "R"})
+    told = []
+    for now in range(1000, 60_000, 250):
+        for chair in order.chains:
+            if order.chains[chair].ready_ms <= now and order.may_enter(chair):
+                order = entered(order, chair, now)
+        told += waits(order, now, CLEARING_MS)  # nobody's rear ever leaves
+    assert {(wait.chair, wait.other) for wait in told} == {(2, 1)}
+    assert told[0].foreseen_ms is not None
+    assert min(wait.foreseen_ms for wait in told if wait.foreseen_ms is not None) >= LATE_MS
+    assert told[-1].foreseen_ms is None
+    assert told[-1].sentence == told[-1].why
 
 
 def test_a_chair_that_turns_back_into_the_section_that_its_rear_is_in_waits_for_nobody() -> None:
