@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 START_NS = 3_000_000_000
 """A peer listens so long before it votes, as it has forgotten whom it followed."""
 
-ALONE_NS = 5_000_000_000
-"""A chair that wants to go and has no warden for so long says that it will drive by its own eyes."""
+ALONE_NS = 4_500_000_000
+"""A chair that wants to go and has no warden for so long says that it will drive by its own eyes: a take-over needs 4 s."""
 
 ANNOUNCED_NS = 4_000_000_000
 """It does so then only: within this time the others have heard it, or miss it, and look before they enter."""
