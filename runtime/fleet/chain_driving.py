@@ -184,14 +184,19 @@ class ChainDriver:
         return None
 
     def _take(self, spots: tuple[int, ...], goals_left: int) -> tuple[Goal, ...]:
-        """Follow another chain from the entered spot on; return the goals of it."""
+        """Follow another chain from the entered spot on; return the goals of it.
+
+        A chair that was started again on its way into a refuge goes on into it.
+        """
+        name = self._ways.names[spots[0]]
+        goes_in = self._chain is None and bool(self._behind) and len(spots) == 1 and name in self._places
         self._ahead = spots
         self._chain = chain_of(self._ways, self._spot_places, self._rooms, (*self._behind, *spots))
         self._first = len(self._behind)
         self._way = float(self._chain.until[self._first - 1]) if self._first else 0.0
-        bay = Goal(self._ways.names[spots[0]])
+        bay = Goal(name)
         still = bay in self._goals[len(self._goals) - goals_left :] and self._chain.folds and len(spots) > 1
-        self._goals = (*((bay,) if still else ()), *self._goals_of(spots))
+        self._goals = (*((bay,) if still or goes_in else ()), *self._goals_of(spots))
         return self._goals
 
     def _waits_at_home(self, front: float, until: float) -> bool:

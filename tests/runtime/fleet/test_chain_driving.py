@@ -15,7 +15,7 @@ from waychair.control.authority import FREE, crosses
 from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.maps.traffic.mapped_floor import mapped_floor_graph
-from waychair.planning.fleet.order import Order, Request, parked, stopped
+from waychair.planning.fleet.order import Order, Request, entered, parked, stopped
 from waychair.planning.fleet.warden import ChairReport, Heard, WardenState, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import PATIENCE_MS, ChainDriver, Steps
@@ -173,6 +173,21 @@ def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
     steps = points.steps[0]
     assert steps.report == ChairReport(0, 0, 0, 0)
     assert steps.goals == ()
+
+
+def test_a_chair_that_was_started_again_on_its_way_into_a_room_goes_on_into_it() -> None:
+    start, goal = _rooms_apart(6.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    order, spots = points.order, points.order.chains[0].spots
+    for now_ms in range(100, 100 * len(spots), 100):
+        order = entered(order, 0, now_ms)
+    driver = ChainDriver(WAYS, 0, CHAIR_A, PLACES)
+    driver.stand_in(spots[-3:], order.chains[0].visit)
+    inside = spot_places(WAYS)[spots[-3]]
+    steps = driver.step(order, Pose2(*inside.points[0].tolist(), PLACES[goal].pose.theta), 5000)
+    assert [each.target for each in steps.goals or ()] == [goal]
+    assert steps.report.ready_in_ms > 0
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5])

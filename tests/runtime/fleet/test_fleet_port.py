@@ -128,7 +128,7 @@ def test_a_chair_that_leaves_its_room_by_its_own_eyes_sounds_its_tone() -> None:
     chair = Alone((1, 2, 3))
     chair.run(4.0)
     chair.ask()
-    chair.run(4.9)
+    chair.run(4.4)
     assert chair.port.others.tones == 0
     chair.run(5.0)
     assert chair.port.others.tones == 1
