@@ -275,16 +275,14 @@ def _report(order: Order, number: int, each: Known) -> ChairReport:
             break
         free = k
     visits = chain.visit + free
-    rear = state.visit - len(state.entered) + 1
-    if state.wants > visits - state.visit and state.ready_ms <= STANDS_MS:
-        return ChairReport(
-            number, visits, max(visits - rear, 0), 0, state.leaves_ms
-        )  # it stands, and would go on at once
+    behind = max(visits - (state.visit - len(state.entered) + 1), 0)
+    if state.wants > visits - state.visit and state.ready_ms <= STANDS_MS:  # it stands, and would go on at once
+        return ChairReport(number, visits, behind, 0, state.leaves_ms)
     passing = sum(int(order.ways.passing_ms[spot]) for spot in chain.spots[1 : free + 1])
     ahead = sum(int(order.ways.passing_ms[spot]) for visit, spot in chain.behind if visit > state.visit)
     if chain.visit > state.visit:
         ahead += int(order.ways.passing_ms[chain.spots[0]])
-    return ChairReport(number, visits, max(visits - rear, 0), state.ready_ms + passing + ahead, state.leaves_ms)
+    return ChairReport(number, visits, behind, state.ready_ms + passing + ahead, state.leaves_ms)
 
 
 def _request(office: Office, order: Order, number: int, each: Known, now_ms: int) -> Request | None:
