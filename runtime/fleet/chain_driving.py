@@ -93,7 +93,12 @@ class ChainDriver:
         `visit`: number of the front one among all that it has entered; by default they are the first ones.
         """
         self._visit, self._behind = len(spots) - 1 if visit is None else visit, list(spots[:-1])
-        self._ahead, self._chain, self._goals = (), None, ()
+        self._ahead = ()
+        self.start_anew()
+
+    def start_anew(self) -> None:
+        """Give the goals of all that is left of the chain at the next step, as those before do not hold any more."""
+        self._chain, self._goals = None, ()
 
     @property
     def chain(self) -> ChainLine | None:

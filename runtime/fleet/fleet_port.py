@@ -19,7 +19,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.peers.peer import Fleet
 from waychair.runtime.fleet.audit_file import AuditFile
-from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
+from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.fleet_member import FleetMember
 from waychair.runtime.fleet.peer_post import FleetTransport
 from waychair.runtime.fleet.spot_sight import SpotSight
@@ -123,6 +123,7 @@ class FleetPort:
             raise FleetError(f"chairs that share this building drive to its places only: choose one, such as {some}")
         self._drive = _Drive(min(near)[1])
         self._member.want(self._drive.refuge, now_ns)
+        self._member.driver.driver.start_anew()
 
     def answer(self, now_ns: int) -> None:
         """See `FleetMember.answer`."""
@@ -181,26 +182,27 @@ class FleetPort:
         if drive is None:
             pilot.navigator.granted.authority = FREE
             return step.notices
-        if step.driven.goals:
-            self._take_chain(drive, step.driven, pilot)
+        goals = step.driven.goals
+        if not goals and not drive.course and member.driver.driver.arrived_at(drive.refuge):
+            goals = (Goal(drive.refuge),)  # it is in its refuge, though not at its place
+        if goals:
+            self._take_chain(drive, goals, step.driven.bars, pilot)
         waits = not drive.has_chain
         pilot.navigator.granted.authority = (
             Authority(None, step.told or WAITS, stands=True) if waits else step.driven.authority
         )
         return step.notices
 
-    def _take_chain(self, drive: _Drive, steps: Steps, pilot: Pilot) -> None:
-        """Close the ways round a new chain on the pilot's map, then give the pilot its goals."""
-        assert steps.goals is not None
-        goals = drive.course = steps.goals
-        drive.has_chain = False
+    def _take_chain(self, drive: _Drive, goals: tuple[Goal, ...], bars: tuple[Zone, ...], pilot: Pilot) -> None:
+        """Close the ways round a new chain on the pilot's map by bars, then give the pilot its goals."""
+        drive.course, drive.has_chain = goals, False
 
         def set_off() -> None:
             if self._drive is drive and drive.course is goals:
                 drive.has_chain, drive.left = True, len(goals)
                 pilot.go(*goals)
 
-        self._bar(steps.bars, set_off)
+        self._bar(bars, set_off)
 
     def _bar(self, bars: tuple[Zone, ...], then: Callable[[], None] = lambda: None) -> None:
         names = frozenset(bar.name for bar in bars)

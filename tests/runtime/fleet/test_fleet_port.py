@@ -173,3 +173,31 @@ def test_a_pose_between_two_spots_is_in_both() -> None:
     found = spots.at(Pose2(node.x - 0.5, node.y, 0.0))
     assert section.name in [WAYS.names[spot] for spot in found]
     assert section.end in [WAYS.names[spot] for spot in found]
+
+
+def asks_and_drives(chair: Alone, pose: Pose2) -> bool:
+    """Ask for the goal from a pose; return whether the chair may drive two seconds later."""
+    chair.ask()
+    chair.run(2.0, pose=pose, stands=True)
+    return not chair.pilot.navigator.granted.authority.stands
+
+
+def test_a_goal_that_is_asked_for_again_is_driven_to() -> None:
+    chair = Alone()
+    chair.run(0.4)
+    assert asks_and_drives(chair, HOME)
+    assert asks_and_drives(chair, HOME)
+
+
+def test_a_chair_that_is_asked_for_the_room_in_whose_door_it_is_drives_in() -> None:
+    chair = Alone()
+    door = Pose2(GOAL.pose.x, GOAL.pose.y - 0.7, GOAL.pose.theta)
+    chair.run(0.4, pose=door)
+    assert asks_and_drives(chair, door)
+    chair.pilot.drop("the rider ended it")
+    chair.run(1.0, pose=door, stands=True)
+    section = next(spot for spot, name in enumerate(WAYS.names) if name == f"n4-{ROOMS[3]}")
+    member = chair.port._member
+    assert member is not None
+    member.stand_in((section, WAYS.slots[ROOMS[3]][0]))
+    assert asks_and_drives(chair, door)
