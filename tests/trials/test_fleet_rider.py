@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import count
 
 from tests.runtime.fleet.test_fleet_member import PLACES, ROOMS, WAYS
@@ -12,7 +14,9 @@ from waychair.trials.fleet.fleet_drive import AGAIN_AFTER_S, ChairRun, Rider
 from waychair.types import Scan
 
 
-def test_a_rider_asks_again_only_once_the_chair_is_ready() -> None:
+@contextmanager
+def riding() -> Iterator[tuple[Ride, Rider, Callable[[float], None]]]:
+    """Give a ride, its rider, who has been driving to its goal for three seconds, and a function that lets them go on."""
     with Ride() as ride:
         driver = ChainDriver(WAYS, 1, CHAIR_A, PLACES)
         driver.stand_in((WAYS.slots[ROOMS[0]][0],))
@@ -27,9 +31,24 @@ def test_a_rider_asks_again_only_once_the_chair_is_ready() -> None:
         assert rider.wish(0, count(1)) is not None
         rider.follow((FAR,), 0)
         follow(3.0)
+        yield ride, rider, follow
+
+
+def test_a_rider_asks_again_only_once_the_chair_is_ready() -> None:
+    with riding() as (ride, rider, follow):
         ride.change = lambda messages: tuple(each for each in messages if not isinstance(each, Scan))
         follow(AGAIN_AFTER_S + 2.0)
         assert (len(rider.run.ends), rider.run.again) == (1, 0)
         ride.change = lambda messages: messages
         follow(2.0)
         assert (len(rider.run.ends), rider.run.again) == (1, 1)
+
+
+def test_a_rider_who_resets_a_chair_asks_again_at_once() -> None:
+    with riding() as (ride, rider, follow):
+        ride.chair.stop()
+        follow(2.0)
+        rider.reset(ride.simulator.now_ns // 1_000_000)
+        follow(1.0)
+        assert (len(rider.run.ends), rider.run.again) == (1, 1)
+        assert ride.chair.navigator.active

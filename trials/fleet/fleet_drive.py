@@ -272,6 +272,13 @@ class Rider:
             return {}
         return self._shut.step(now_ms, self.state.navigation, self.state.map_from_base, self.held, others)
 
+    def reset(self, now_ms: int) -> None:
+        """Reset a chair that is not ready, and ask at once, without the usual while, for the drive that its faults ended."""
+        self.chair.reset()
+        if self._course and self.chair.navigator.stage is Stage.FAILED:
+            self._ask_again(now_ms)
+            self._again.due_ms = now_ms
+
     def _ask_again(self, now_ms: int) -> None:
         """Ask again after a while, once the chair is ready; not for ever at one place."""
         assert self.state is not None

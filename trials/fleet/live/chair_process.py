@@ -242,7 +242,7 @@ class LiveFleetChair:
             return
         self._unready_ns = self._clock.now_ns if self._unready_ns is None else self._unready_ns
         if self._clock.now_ns - self._unready_ns > RESETS_AFTER_S * 1e9:
-            self.chair.reset()
+            self.rider.reset(clock_ns() // 1_000_000)
             self._unready_ns = None
 
     def order(self) -> None:
