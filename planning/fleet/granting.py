@@ -89,20 +89,35 @@ def granted(
     state = Granting(order, now_ms, clearing_ms, rng, _fixed(order, now_ms, clearing_ms))
     requests = _grantable(order)
     old = _current(order, now_ms, clearing_ms)
-    plan = _together(state, requests) if old is None else _extended(state, old, requests)
+    plan = _first(state, old, requests)
     while plan is None and requests:
         last = max(requests, key=lambda chair: (-requests[chair].priority, requests[chair].asked_ms))
         requests = _without(order, requests, last)
-        plan = _together(state, requests) if old is None else _extended(state, old, requests)
+        plan = _first(state, old, requests)
     if plan is None:
         return _retreated(state)
-    wishes = {chair: chain.request for chair, chain in order.chains.items() if chain.request is not None} | requests
+    wishes = _wishes(order, requests)
     best = _best(state, plan, wishes, proof_steps)
     if best is not None and not _overtakes_too_often(state, best, old or {}, wishes):
         plan = best
     else:
         plan = _improved(state, plan, old or {}, wishes, rounds)
     return _order_of(state, plan, old or {}, wishes, requests)
+
+
+def _wishes(order: Order, requests: Mapping[int, Request]) -> dict[int, Request]:
+    """Return the requests of the chairs under way, and these."""
+    return {chair: chain.request for chair, chain in order.chains.items() if chain.request is not None} | dict(requests)
+
+
+def _first(state: Granting, old: Plan | None, requests: Mapping[int, Request]) -> Plan | None:
+    """Return a plan with ways for the requests; None if there is none, or only one that overtakes a chair too often."""
+    if old is None:
+        return _together(state, requests)
+    plan = _extended(state, old, requests)
+    if plan is None or _overtakes_too_often(state, plan, old, _wishes(state.order, requests)):
+        return None
+    return plan
 
 
 def _grantable(order: Order) -> dict[int, Request]:

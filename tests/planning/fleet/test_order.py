@@ -293,6 +293,19 @@ def test_a_top_chair_goes_first_and_equals_are_overtaken_at_most_twice() -> None
     assert all(len(chain.overtaken_by) <= 2 for chain in top.chains.values())
 
 
+def test_a_request_waits_that_could_only_be_granted_by_overtaking_a_chair_once_more() -> None:
+    """Chair 2 stands on the way of all; if chair 1 goes now, chair 3 goes far out of its way."""
+    order = ordered(TEE, {1: "P", 2: "R", 3: "Q"}, {2: "T", 3: "U"})
+    while order.ways.names[order.chains[2].spots[0]] != "a2-m":
+        order = cleared(entered(order, 2, 2000), 2)
+    order = stopped(order, 2)
+    overtaken_twice = replace(order.chains[3], overtaken_by=frozenset({7, 8}))
+    order = replace(order, chains={**order.chains, 3: overtaken_twice})
+    new = granted(asked(order, Request(9, 1, "Q", 5000)), 5000, CLEARING_MS, np.random.default_rng(0), 3)
+    assert new.chains[3].overtaken_by == {7, 8}
+    assert [each.number for each in new.waiting] == [9]
+
+
 @pytest.mark.parametrize("holds_by_request", [True, False])
 def test_only_a_chair_that_had_a_way_to_its_goal_is_overtaken(holds_by_request: bool) -> None:
     """After a closure or another warden a chair holds a few spots without its request: they end before its goal."""
