@@ -169,7 +169,7 @@ def _report_without_rear(order: Any, number: int, each: Any) -> ChairReport:
 
 def _kept_front(order: Any, chair: int, now_ms: int) -> claims.Claim:
     """A chair that keeps its stance claims its last spot only."""
-    right = claims.kept(order, chair, now_ms)
+    right = _right_kept(order, chair, now_ms)
     return replace(right, spots=right.spots[-1:])
 
 
@@ -243,6 +243,7 @@ def _peer_that_forgets(fleet: Any, number: int, boot: int, electorate: Any) -> p
 
 
 _right_report: Callable[..., ChairReport] = networked_warden._report
+_right_kept: Callable[..., claims.Claim] = claims.kept
 _right_way: Callable[..., tuple[int, ...]] = alone.way_by_eye
 _right_followed: Callable[..., Any] = election.followed
 _right_standing: Callable[..., Any] = election.standing
