@@ -87,7 +87,7 @@ def granted(
     if clearing_ms < 1:
         raise TaskError(f"a chair's rear cannot have left {clearing_ms} ms after its front: give 1 ms or more")
     state = Granting(order, now_ms, clearing_ms, rng, _fixed(order, now_ms, clearing_ms))
-    requests = _grantable(order)
+    requests = grantable(order)
     old = _current(order, now_ms, clearing_ms)
     plan = _first(state, old, requests)
     while plan is None and requests:
@@ -120,7 +120,7 @@ def _first(state: Granting, old: Plan | None, requests: Mapping[int, Request]) -
     return plan
 
 
-def _grantable(order: Order) -> dict[int, Request]:
+def grantable(order: Order) -> dict[int, Request]:
     """Return the waiting requests whose goals are free or become free by chains or by requests that can be granted."""
     ways = order.ways
     ready = {each.chair: each for each in order.waiting}
@@ -145,7 +145,7 @@ def _without(order: Order, requests: Mapping[int, Request], chair: int) -> dict[
     """Return the requests that can be granted without that of one chair."""
     kept = {each.chair for each in requests.values()} - {chair}
     fewer = replace(order, waiting=tuple(each for each in order.waiting if each.chair in kept))
-    return _grantable(fewer)
+    return grantable(fewer)
 
 
 def _current(order: Order, now_ms: int, clearing_ms: int) -> Plan | None:

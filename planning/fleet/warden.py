@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.errors import TaskError
-from waychair.planning.fleet.granting import granted
+from waychair.planning.fleet.granting import grantable, granted
 from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked, stopped
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Wait, waits
@@ -31,6 +31,11 @@ ROUNDS = 80
 
 _LATE_MS = 10_000
 """ms that a chair may fall behind the time foreseen before the order is planned anew."""
+
+_TRIED_AGAIN_MS, _MOST_DOUBLED = 1_000, 5
+"""ms after which a search for ways is repeated by other random choices where it left all chairs standing, twice as long after
+each one, and how often that is doubled: a search that goes on in vain takes 0.1 s.
+"""
 
 
 class RequestWord(enum.Enum):
@@ -94,6 +99,7 @@ class WardenState:
         blocked_until_ms: resources that are closed, and until when.
         expected_ms: the arrivals that were foreseen with the last plan.
         priorities: of the requests in the last order, by their numbers; where one differs, all is planned anew.
+        tries: searches repeated since some chair had a way, and `tried_ms`, when ways were searched for last.
     """
 
     order: Order
@@ -104,6 +110,8 @@ class WardenState:
     blocked_until_ms: Mapping[int, int] = field(default_factory=dict)
     expected_ms: Mapping[int, int] = field(default_factory=dict)
     priorities: Mapping[int, Priority] = field(default_factory=dict)
+    tries: int = 0
+    tried_ms: int = 0
 
 
 def warm_up(ways: Ways) -> None:
@@ -151,21 +159,27 @@ def decided(state: WardenState, heard: Heard, now_ms: int) -> tuple[WardenState,
     came_free = bool(order.waiting) and any(
         len(chain.spots) == 1 < len(before.chains[chair].spots) for chair, chain in order.chains.items()
     )
-    if changed or came_free or _is_late(state, order, now_ms):
-        rng = np.random.default_rng([state.seed, state.serial])
+    differs, stuck = changed or came_free or _is_late(state, order, now_ms), _is_stuck(order)
+    tries, tried_ms = state.tries if stuck else 0, state.tried_ms
+    again = stuck and not differs and now_ms - tried_ms >= _TRIED_AGAIN_MS << min(tries, _MOST_DOUBLED)
+    if differs or again:
+        tries, tried_ms = tries + again, now_ms
+        rng = np.random.default_rng([state.seed, state.serial, tries])
         order = granted(order, now_ms, state.clearing_ms, rng, ROUNDS)
         expected = _arrivals(order, now_ms, state.clearing_ms)
     else:
         expected = dict(state.expected_ms)
-    differs = any(order.chains[chair].spots[1:] != before.chains[chair].spots[1:] for chair in order.chains)
+    replanned = any(order.chains[chair].spots[1:] != before.chains[chair].spots[1:] for chair in order.chains)
     new = replace(
         state,
         order=order,
-        serial=state.serial + differs,
+        serial=state.serial + replanned,
         heard_ms=times,
         blocked_until_ms=blocked,
         expected_ms=expected,
         priorities=priorities,
+        tries=tries,
+        tried_ms=tried_ms,
     )
     present = waits(order, now_ms, state.clearing_ms)
     return new, (*refused, *_replies(new, before, present)), present
@@ -189,6 +203,12 @@ def _followed(order: Order, report: ChairReport, now_ms: int) -> Order:
         order = cleared(order, report.chair)
     leaves_ms = tuple(now_ms + each for each in report.leaves_in_ms)
     return held_up(order, report.chair, now_ms + report.ready_in_ms, leaves_ms)
+
+
+def _is_stuck(order: Order) -> bool:
+    """Return whether all chairs stand, though some could be granted their goals if a way was found."""
+    stand = all(len(chain.spots) < 2 for chain in order.chains.values())
+    return stand and bool(order.waiting) and bool(grantable(order))
 
 
 def _is_late(state: WardenState, order: Order, now_ms: int) -> bool:

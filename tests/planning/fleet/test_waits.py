@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.planning.fleet.small_traffic import TEE, traffic
 from tests.planning.fleet.test_order import CLEARING_MS, ordered
 from waychair.maps.traffic.traffic_graph import RefugeKind
+from waychair.planning.fleet import warden
 from waychair.planning.fleet.order import Chain, Order, Request, Turn, asked, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import IDLE_MS, LATE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
@@ -181,3 +183,29 @@ def test_a_doubled_report_changes_nothing_and_one_out_of_turn_is_refused() -> No
     _, replies, _ = decided(state, Heard((ChairReport(waiting, 99),)), 500)
     assert replies[0].answer is RequestWord.REJECTED
     assert "entered out of turn" in replies[0].sentence
+
+
+def test_a_search_in_vain_is_repeated_by_other_choices_less_and_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    searches: list[tuple[int, float]] = []
+
+    def in_vain(order: Order, now_ms: int, clearing_ms: int, rng: np.random.Generator, rounds: int) -> Order:
+        searches.append((now_ms, rng.random()))
+        return order
+
+    monkeypatch.setattr(warden, "granted", in_vain)
+    state, _, _ = decided(district({1: "P", 2: "Q"}), Heard(requests=(Request(1, 1, "R", 0),)), 5_000)
+    for now_ms in range(5_100, 21_000, 100):
+        state, _, _ = decided(state, Heard(), now_ms)
+    assert [now_ms for now_ms, _ in searches] == [5_000, 6_000, 8_000, 12_000, 20_000]
+    assert len({choice for _, choice in searches}) == len(searches)
+    monkeypatch.undo()
+    state, _, _ = decided(state, Heard(), 40_000)
+    assert len(state.order.chains[1].spots) > 1
+
+
+def test_no_way_is_searched_again_and_again_to_a_place_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    state, _, _ = decided(district({1: "P", 2: "Q"}), Heard(requests=(Request(1, 1, "Q", 0),)), 5_000)
+    monkeypatch.delattr(warden, "granted")
+    for now_ms in range(5_100, 21_000, 100):
+        state, _, _ = decided(state, Heard(), now_ms)
+    assert len(state.order.waiting) == 1
