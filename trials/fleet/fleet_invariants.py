@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from waychair.planning.fleet.order import Order
+from waychair.planning.fleet.peers.claims import Claim
 from waychair.trials.fleet.fleet_networked import NetworkedChair, NetworkedChairs, NetworkTrouble
 
 WHOLE_MS = 30_000
@@ -93,7 +94,7 @@ class Invariants:
                     self._say(world, f"chairs {chair.number} and {other.number} may both enter resource {min(both)}")
 
     def _wardens(self, world: NetworkedChairs) -> None:
-        """At most one warden grants; its order has no cycle, ends in slots, and overtakes nobody thrice."""
+        """At most one warden grants; its order has no cycle, ends in slots, overtakes nobody thrice, and leads to no chair without order."""
         awake = [chair for chair in world.chairs.values() if chair.peer is not None and not chair.sleeps]
         granting = [chair for chair in awake if chair.peer is not None and chair.peer.grants]
         if len(granting) > 1:
@@ -107,7 +108,7 @@ class Invariants:
             order = office.district.order
             if self._serials.get(chair.number) != office.district.serial:
                 self._serials[chair.number] = office.district.serial
-                for said in order_faults(order):
+                for said in (*order_faults(order), *_open_to_others(order, office.absent)):
                     self._say(world, said)
             for other in awake:
                 self._within(world, order, chair, other)
@@ -122,6 +123,17 @@ class Invariants:
         allowed = {spot for _, spot in chain.behind} | {chain.spots[0]}
         if not set(other.authority.spots) <= allowed:
             self._say(world, f"chair {other.number} may enter more than chair {warden.number} has granted")
+
+
+def _open_to_others(order: Order, absent: Mapping[int, Claim]) -> list[str]:
+    """Return the spots that an order leaves open though a chair is there, or may be, that does not keep it."""
+    ways = order.ways
+    return [
+        f"{ways.names[spot]} is open to others, though chair {number} is there and keeps no order"
+        for number, claim in absent.items()
+        for spot in claim.spots
+        if int(ways.resource[spot]) not in order.closed
+    ]
 
 
 def order_faults(order: Order) -> list[str]:
