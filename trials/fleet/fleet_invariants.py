@@ -94,7 +94,7 @@ class Invariants:
                     self._say(world, f"chairs {chair.number} and {other.number} may both enter resource {min(both)}")
 
     def _wardens(self, world: NetworkedChairs) -> None:
-        """At most one warden grants; its order has no cycle, ends in slots, overtakes nobody thrice, and leads to no chair without order."""
+        """At most one warden grants; its order has no cycle, ends in slots, overtakes nobody thrice and leads into no chair."""
         awake = [chair for chair in world.chairs.values() if chair.peer is not None and not chair.sleeps]
         granting = [chair for chair in awake if chair.peer is not None and chair.peer.grants]
         if len(granting) > 1:
