@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.runtime.fleet.test_fleet_member import PLAN
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import transform_points
-from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.maps.traffic.corridors import corridor_graph
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.alone_driving import FACES_MS, LETS_PASS_MS, AloneDriver, Seen, speed_by_eye
@@ -20,7 +21,6 @@ from waychair.simulation.plan.corridor_world import corridor_world
 from waychair.trials.fleet.fleet_scenes import places_in_rooms
 from waychair.types import FloatArray, Pose2
 
-PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True)
 WAYS = drivable(ways_of(GRAPH, 0.45), CHAIR_A)
 WORLD = corridor_world(PLAN, 1.2, rooms=True)

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.runtime.fleet.test_fleet_member import PLAN
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.authority import FREE, crosses
 from waychair.geometry import transform_points
-from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.maps.traffic.corridors import corridor_graph
 from waychair.maps.traffic.mapped_floor import mapped_floor_graph
 from waychair.planning.fleet.order import Order, Request, entered, parked, stopped
 from waychair.planning.fleet.warden import ChairReport, Heard, WardenState, decided
@@ -24,7 +25,6 @@ from waychair.runtime.fleet.peer_driving import seen_order
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, places_in_rooms
 from waychair.types import OccupancyGrid, Place, Pose2
 
-PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
 WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
 PLACES = dict(places_in_rooms(PLAN))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from tests.runtime.fleet.test_fleet_member import PLAN
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.maps.traffic.corridors import corridor_graph
 from waychair.planning.fleet.order import Turn
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
@@ -15,7 +16,6 @@ from waychair.simulation.network import NetworkFaults, SeededNetwork
 from waychair.trials.fleet.fleet_scenes import places_in_rooms
 from waychair.types import Pose2
 
-PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
 WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
 PLACES = dict(places_in_rooms(PLAN))

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from tests.runtime.fleet.test_fleet_member import PLAN
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.maps.traffic.corridors import corridor_graph
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.simulation.plan.corridor_world import corridor_world
 from waychair.types import FloatArray, Pose2, Scan
 
-PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=False, bays=False)
 WAYS = ways_of(GRAPH, 0.5)
 GRID = corridor_world(PLAN, 1.2, rooms=False).grid

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from waychair.maps.traffic.corridors import CorridorPlan
+from tests.runtime.fleet.test_fleet_member import PLAN
 from waychair.trials.fleet.fleet_on_lines import ChairsOnLines
-
-PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 
 
 @pytest.mark.parametrize("chairs", [1, 2])
