@@ -16,7 +16,7 @@ import numpy as np
 
 from waychair.errors import TaskError
 from waychair.planning.fleet.cbs import Constraint, barred_entries, barred_uses, best_ways
-from waychair.planning.fleet.joint_ways import joint_way
+from waychair.planning.fleet.joint_ways import joint_ways
 from waychair.planning.fleet.order import Chain, Order, Request, Turn, foreseen, stopped
 from waychair.planning.fleet.rules import MOST_OVERTAKINGS, aged, weight
 from waychair.planning.fleet.sipp import ANY_ENTRY, Stay, earliest, gaps_between
@@ -218,11 +218,11 @@ def _together(state: Granting, requests: Mapping[int, Request]) -> Plan | None:
         chair: requests[chair].goal if chair in requests else state.ways.names[chain.spots[-1]]
         for chair, chain in order.chains.items()
     }
-    spots = joint_way(order, goals, state.rng)
-    if spots is None:
-        return None
-    joint = with_chains(order, spots[0], spots[1])
-    return _current(joint, state.now_ms, state.clearing_ms)
+    for spots, turns in joint_ways(order, goals, state.rng):
+        plan = _current(with_chains(order, spots, turns), state.now_ms, state.clearing_ms)
+        if plan is not None:
+            return plan
+    return None
 
 
 def _retreated(state: Granting) -> Order:

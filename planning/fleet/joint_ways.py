@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import count, pairwise
 
 import numpy as np
@@ -21,56 +21,57 @@ _TRIES = 4
 """Searches; a ring of chairs that all move at once gives an order that cannot be kept, and another search may not."""
 
 
-def joint_way(
+def joint_ways(
     order: Order, goals: Mapping[int, str], rng: np.random.Generator
-) -> tuple[dict[int, tuple[int, ...]], dict[int, list[Turn]]] | None:
-    """Return the spots of each chair to its goal, and the turns at each resource in order; None if none was found.
+) -> Iterator[tuple[dict[int, tuple[int, ...]], dict[int, list[Turn]]]]:
+    """Yield a few times the spots of each chair to its goal, and the turns at each resource in order; nothing if none is found.
 
-    The search goes over resources, in each of which is one chair after each step.
+    The search goes over spots; one chair is in a resource after each step.
     """
     ways = order.ways
     chairs = list(order.chains)
-    neighbours = _neighbours(ways, order.closed)
-    starts = np.array([ways.resource[order.chains[chair].spots[0]] for chair in chairs], np.int32)
+    starts = np.array([order.chains[chair].spots[0] for chair in chairs], np.int32)
     ends = _goals(order, chairs, goals)
-    if ends is None or len(set(starts.tolist())) < len(starts):
-        return None
-    task = Task(neighbours, starts, ends)
-    towards = steps_to(neighbours, ends)
-    reserved = np.full(ways.resources, NOBODYS)
-    reserved[ways.resource[ways.reserved != NOBODYS]] = ways.reserved[ways.reserved != NOBODYS]
+    if ends is None or len(set(ways.resource[starts].tolist())) < len(starts):
+        return
+    after, before = _neighbours(ways, order.closed)
+    towards = steps_to(before, ends)
     for agent in range(len(chairs)):
-        allowed = [NOBODYS, reserved[starts[agent]], reserved[ends[agent]]]
-        towards[agent, ~np.isin(reserved, allowed)] = NONE
+        allowed = [NOBODYS, ways.reserved[starts[agent]], ways.reserved[ends[agent]]]
+        towards[agent, ~np.isin(ways.reserved, allowed)] = NONE
     if (towards[np.arange(len(chairs)), starts] < 0).any():
-        return None
+        return
+    task, rooms = Task(after, starts, ends), ways.resource.astype(np.int32)
     for _ in range(_TRIES):
         left = count(_CONFIGURATIONS, -1)
         try:
-            paths = first_answer(task, towards, rng, lambda left=left: next(left) > 0)  # type: ignore[misc]
+            paths = first_answer(task, towards, rng, lambda left=left: next(left) > 0, rooms)  # type: ignore[misc]
         except NoPath:
-            return None
-        found = _spots(order, chairs, paths)
-        if found is not None:
-            return found
-    return None
+            return
+        yield _chains(order, chairs, paths)
 
 
-def _neighbours(ways: Ways, closed: frozenset[int]) -> Numbers:
-    """Return the resources (R, D) beside each one, -1 where there are fewer; none beside closed ones."""
-    beside: list[dict[int, None]] = [{} for _ in range(ways.resources)]
-    for spot, resource in enumerate(ways.resource.tolist()):
-        for other in ways.resource[ways.after[ways.first[spot] : ways.first[spot + 1]]].tolist():
-            if other != resource and other not in closed:
-                beside[resource][other] = None
-    table = np.full((ways.resources, max(map(len, beside))), NONE, np.int32)
-    for resource, others in enumerate(beside):
-        table[resource, : len(others)] = list(others)
+def _neighbours(ways: Ways, closed: frozenset[int]) -> tuple[Numbers, Numbers]:
+    """Return the spots (V, D) after each one, and those before it, -1 where there are fewer; closed ones are beside none."""
+    after: list[list[int]] = [[] for _ in ways.names]
+    before: list[list[int]] = [[] for _ in ways.names]
+    for spot in range(len(ways.names)):
+        for other in ways.after[ways.first[spot] : ways.first[spot + 1]].tolist():
+            if int(ways.resource[other]) not in closed:
+                after[spot].append(other)
+                before[other].append(spot)
+    return _table(after), _table(before)
+
+
+def _table(beside: list[list[int]]) -> Numbers:
+    table = np.full((len(beside), max(map(len, beside))), NONE, np.int32)
+    for spot, others in enumerate(beside):
+        table[spot, : len(others)] = others
     return table
 
 
 def _goals(order: Order, chairs: list[int], goals: Mapping[int, str]) -> Numbers | None:
-    """Return a slot's resource for each chair, its own one if it stays; None if a refuge has too few.
+    """Return a slot for each chair, its own spot if it stays; None if a refuge has too few.
 
     A chair whose goal is no refuge is one that stopped on its way: it stays where it is.
     """
@@ -79,8 +80,8 @@ def _goals(order: Order, chairs: list[int], goals: Mapping[int, str]) -> Numbers
     found: dict[int, int] = {}
     stays_first = sorted(chairs, key=lambda chair: ways.names[order.chains[chair].spots[-1]] != goals[chair])
     for chair in stays_first:
-        own = int(ways.resource[order.chains[chair].spots[-1]])
-        slots = ways.resource[list(ways.slots[goals[chair]])].tolist() if goals[chair] in ways.slots else [own]
+        own = order.chains[chair].spots[-1]
+        slots = ways.slots.get(goals[chair], (own,))
         free = [slot for slot in sorted(slots, key=lambda slot: slot != own) if slot not in taken]
         if not free:
             return None
@@ -89,33 +90,16 @@ def _goals(order: Order, chairs: list[int], goals: Mapping[int, str]) -> Numbers
     return np.array([found[chair] for chair in chairs], np.int32)
 
 
-def _spots(
+def _chains(
     order: Order, chairs: list[int], paths: Numbers
-) -> tuple[dict[int, tuple[int, ...]], dict[int, list[Turn]]] | None:
-    """Return spots and turns of paths (A, T) over resources; None if the directions of sections do not fit together."""
-    ways = order.ways
+) -> tuple[dict[int, tuple[int, ...]], dict[int, list[Turn]]]:
+    """Return the spots of paths (A, T) over spots, and the turns at each resource in the order in which it is entered."""
     spots: dict[int, tuple[int, ...]] = {}
     turns: dict[int, list[tuple[int, Turn]]] = {}
     for chair, path in zip(chairs, paths.tolist(), strict=True):
-        chain = order.chains[chair]
         steps = [0, *(step for step, (one, other) in enumerate(pairwise(path), start=1) if one != other)]
-        options = [{chain.spots[0]: NONE}]
-        for step in steps[1:]:
-            after = {
-                other: spot
-                for spot in options[-1]
-                for other in ways.after[ways.first[spot] : ways.first[spot + 1]].tolist()
-                if ways.resource[other] == path[step]
-            }
-            options.append(after)
-        if not options[-1]:
-            return None
-        spot = next(iter(options[-1]))
-        way = [spot]
-        for before in reversed(options[1:]):
-            spot = before[spot]
-            way.append(spot)
-        spots[chair] = tuple(reversed(way))
+        spots[chair] = tuple(path[step] for step in steps)
         for k, step in enumerate(steps):
-            turns.setdefault(path[step], []).append((step, Turn(chair, chain.visit + k)))
+            turn = Turn(chair, order.chains[chair].visit + k)
+            turns.setdefault(int(order.ways.resource[path[step]]), []).append((step, turn))
     return spots, {resource: [turn for _, turn in sorted(each)] for resource, each in turns.items()}

@@ -24,10 +24,22 @@ _RESTART = 0.001
 
 
 @njit(cache=True)
+def _may_enter(
+    agent: int, vertex: int, rooms: Numbers, now: Numbers, then: Numbers, at_now: Numbers, at_then: Numbers
+) -> bool:
+    """Return whether nobody else goes to a vertex's room, and nobody comes from there to the room in which the agent is."""
+    room = rooms[vertex]
+    other = at_now[room]
+    if at_then[room] >= 0:
+        return False
+    return bool(other < 0 or other == agent or then[other] < 0 or rooms[then[other]] != rooms[now[agent]])
+
+
+@njit(cache=True)
 def _placed(
     first: int,
     neighbours: Numbers,
-    towards: Numbers,
+    rooms: Numbers,
     now: Numbers,
     then: Numbers,
     at_now: Numbers,
@@ -47,16 +59,16 @@ def _placed(
         side = np.argmin(prices[agent])
         if prices[agent, side] == np.inf:  # nothing is left to try: it stays, and its pusher tries the next vertex
             then[agent] = now[agent]
-            at_then[now[agent]] = agent
+            at_then[rooms[now[agent]]] = agent
             depth -= 1
             continue
         prices[agent, side] = np.inf
         vertex = now[agent] if side == degree else neighbours[now[agent], side]
-        other = at_now[vertex]
-        if at_then[vertex] >= 0 or (other >= 0 and other != agent and then[other] == now[agent]):
+        if not _may_enter(agent, vertex, rooms, now, then, at_now, at_then):
             continue
         then[agent] = vertex
-        at_then[vertex] = agent
+        at_then[rooms[vertex]] = agent
+        other = at_now[rooms[vertex]]
         if other < 0 or then[other] >= 0:  # all that were pushed have a place now
             return True
         stack[depth] = other
@@ -65,7 +77,9 @@ def _placed(
 
 
 @njit(cache=True)
-def _prices(neighbours: Numbers, towards: Numbers, now: Numbers, at_now: Numbers, noise: FloatArray) -> FloatArray:
+def _prices(
+    neighbours: Numbers, rooms: Numbers, towards: Numbers, now: Numbers, at_now: Numbers, noise: FloatArray
+) -> FloatArray:
     """Return for each agent the price (A, D + 1) of each neighbour and of waiting: steps to go, and less if it is empty."""
     count, degree = len(now), neighbours.shape[1]
     prices = np.full((count, degree + 1), np.inf)
@@ -73,13 +87,14 @@ def _prices(neighbours: Numbers, towards: Numbers, now: Numbers, at_now: Numbers
         for side in range(degree + 1):
             vertex = now[agent] if side == degree else neighbours[now[agent], side]
             if vertex >= 0 and towards[agent, vertex] >= 0:
-                prices[agent, side] = towards[agent, vertex] + noise[agent, side] + 0.5 * (at_now[vertex] >= 0)
+                prices[agent, side] = towards[agent, vertex] + noise[agent, side] + 0.5 * (at_now[rooms[vertex]] >= 0)
     return prices
 
 
 @njit(cache=True)
 def next_configuration(
     neighbours: Numbers,
+    rooms: Numbers,
     towards: Numbers,
     now: Numbers,
     order: Numbers,
@@ -90,36 +105,35 @@ def next_configuration(
 ) -> Numbers:
     """Return the vertices (A,) of all agents after the next step, as PIBT chooses them; empty if it finds none.
 
-    `towards` (A, N), `now` (A,), agents in falling priority `order` (A,), `forced` (A,) the vertex that an agent must
-    take, -1 for a free choice; `noise` (A, D + 1) below 0.5 breaks ties. `at_now` and `at_then` (N,) are scratch filled
-    with -1, and so again afterwards.
+    `rooms` (N,), `towards` (A, N), `now` (A,), agents in falling priority `order` (A,), `forced` (A,) the vertex that an
+    agent must take, -1 for a free choice; `noise` (A, D + 1) below 0.5 breaks ties. `at_now` and `at_then`, one for each
+    room, are scratch filled with -1, and so again afterwards.
     """
     count = len(now)
     then = np.full(count, -1, np.int32)
     sound = True
     for agent in range(count):
-        at_now[now[agent]] = agent
+        at_now[rooms[now[agent]]] = agent
     for agent in range(count):
         vertex = forced[agent]
         if vertex < 0:
             continue
-        other = at_now[vertex]
-        if at_then[vertex] >= 0 or (other >= 0 and other != agent and then[other] == now[agent]):
+        if not _may_enter(agent, vertex, rooms, now, then, at_now, at_then):
             sound = False
             break
         then[agent] = vertex
-        at_then[vertex] = agent
+        at_then[rooms[vertex]] = agent
     if sound:
-        prices = _prices(neighbours, towards, now, at_now, noise)
+        prices = _prices(neighbours, rooms, towards, now, at_now, noise)
         for agent in order:
-            if then[agent] < 0 and not _placed(agent, neighbours, towards, now, then, at_now, at_then, prices):
+            if then[agent] < 0 and not _placed(agent, neighbours, rooms, now, then, at_now, at_then, prices):
                 sound = False
                 break
     for agent in range(count):
-        at_now[now[agent]] = -1
+        at_now[rooms[now[agent]]] = -1
+        at_then[rooms[now[agent]]] = -1
         if then[agent] >= 0:
-            at_then[then[agent]] = -1
-    at_then[now] = -1
+            at_then[rooms[then[agent]]] = -1
     return then if sound else then[:0]
 
 
@@ -138,18 +152,25 @@ class _Node:
 
 
 def first_answer(
-    task: Task, towards: Numbers, rng: np.random.Generator, may_go_on: Callable[[], bool] = lambda: True
+    task: Task,
+    towards: Numbers,
+    rng: np.random.Generator,
+    may_go_on: Callable[[], bool] = lambda: True,
+    rooms: Numbers | None = None,
 ) -> Numbers:
     """Return paths (A, T) of all agents, valid and not yet short.
 
-    `towards` (A, N) are the steps to the goals, -1 for a vertex that an agent must not enter.
+    `towards` (A, N) are the steps to the goals, -1 for a vertex that an agent must not enter. `rooms` (N,) numbers the room
+    of each vertex, of which several may share one, such as both directions of a corridor: after each step there is one agent
+    in a room, and no two exchange their rooms in one. By default each vertex is a room of its own.
 
     Raises:
         NoPath: there is no answer at all, or `may_go_on` said no before one was found; the message says which.
     """
     count, vertices = task.agents, len(task.neighbours)
     degree = task.neighbours.shape[1]
-    at_now, at_then = np.full(vertices, -1, np.int32), np.full(vertices, -1, np.int32)
+    rooms = np.arange(vertices, dtype=np.int32) if rooms is None else rooms
+    at_now, at_then = (np.full(int(rooms.max()) + 1, -1, np.int32) for _ in range(2))
     far = towards[np.arange(count), task.starts] / (vertices + 1.0)
     start = _Node(task.starts, None, far, _falling(far))
     known = {task.starts.tobytes(): start}
@@ -174,7 +195,9 @@ def first_answer(
             for option in rng.permutation([*options, vertex]).tolist():
                 node.untried.append((*constraint, (agent, option)))
         noise = rng.random((count, degree + 1)) * 0.4
-        found = next_configuration(task.neighbours, towards, node.now, node.order, forced, at_now, at_then, noise)
+        found = next_configuration(
+            task.neighbours, rooms, towards, node.now, node.order, forced, at_now, at_then, noise
+        )
         if len(found) == 0:
             continue
         key = found.tobytes()

@@ -74,33 +74,73 @@ def plain_quickest(neighbours: IntArray, held: IntArray, start: int, goal: int) 
     return -1
 
 
+def with_lanes(rng: np.random.Generator, task: Task) -> tuple[Task, IntArray]:
+    """Return the task with one lane between any two vertices, and the room (N,) of each vertex.
+
+    A lane is a vertex in each direction, which share a room. About half of them can be left backwards as well. Each agent
+    that can starts in a lane beside its start.
+    """
+    count = len(task.neighbours)
+    after: list[list[int]] = [[] for _ in range(count)]
+    rooms = list(range(count))
+    for one in range(count):
+        for other in (each for each in beside(task.neighbours, one) if each > one):
+            may_back = rng.random() < 0.5
+            room = max(rooms) + 1
+            for start, end in ((one, other), (other, one)):
+                after[start].append(len(after))
+                after.append([end, start] if may_back else [end])
+                rooms.append(room)
+    table = np.full((len(after), max(map(len, after))), -1, np.int32)
+    for vertex, others in enumerate(after):
+        table[vertex, : len(others)] = others
+    starts = task.starts.copy()
+    for agent, start in enumerate(starts.tolist()):
+        free = [lane for lane in after[start] if rooms[lane] not in {rooms[other] for other in starts}]
+        starts[agent] = free[0] if free else start
+    return Task(table, starts, task.goals), np.array(rooms, np.int32)
+
+
+def plain_steps_along(neighbours: IntArray, goals: IntArray) -> IntArray:
+    """Return the steps (A, N) from each vertex to each goal over one-way neighbours, -1 where there is no way."""
+    before = np.full((len(neighbours), len(neighbours)), -1, np.int32)
+    for vertex in range(len(neighbours)):
+        before[beside(neighbours, vertex), vertex] = vertex
+    return np.array([plain_steps(before, goal) for goal in goals.tolist()], np.int32)
+
+
 def plain_configuration(
-    task: Task, towards: IntArray, now: list[int], order: list[int], forced: list[int], noise: FloatArray
+    task: Task, rooms: IntArray, towards: IntArray, order: list[int], forced: list[int], noise: FloatArray
 ) -> list[int]:
-    """Return the next vertex of each agent by PIBT as published, recursively; empty if it finds none."""
+    """Return the next vertex of each agent from its start by PIBT as published, recursively; empty if it finds none."""
     then: dict[int, int] = {}
     owner: dict[int, int] = {}
-    held_by = {vertex: agent for agent, vertex in enumerate(now)}
+    now = task.starts.tolist()
+    held_by = {int(rooms[vertex]): agent for agent, vertex in enumerate(now)}
     sides = task.neighbours.shape[1]
 
     def may(agent: int, vertex: int) -> bool:
-        other = held_by.get(vertex)
-        return vertex not in owner and not (other not in (None, agent) and then.get(other) == now[agent])
+        other = held_by.get(int(rooms[vertex]))
+        exchanges = other not in (None, agent) and other in then and rooms[then[other]] == rooms[now[agent]]
+        return int(rooms[vertex]) not in owner and not exchanges
 
     def take(agent: int, vertex: int) -> None:
         then[agent] = vertex
-        owner[vertex] = agent
+        owner[int(rooms[vertex])] = agent
 
     def place(agent: int) -> bool:
         options = [(side, int(task.neighbours[now[agent], side])) for side in range(sides)]
-        options = [*(option for option in options if option[1] >= 0), (sides, now[agent])]
+        options = [option for option in options if option[1] >= 0 and towards[agent, option[1]] >= 0]
+        options.append((sides, now[agent]))
         options.sort(
-            key=lambda option: towards[agent, option[1]] + noise[agent, option[0]] + 0.5 * (option[1] in held_by)
+            key=lambda option: (
+                towards[agent, option[1]] + noise[agent, option[0]] + 0.5 * (int(rooms[option[1]]) in held_by)
+            )
         )
         for _, vertex in options:
             if may(agent, vertex):
                 take(agent, vertex)
-                other = held_by.get(vertex)
+                other = held_by.get(int(rooms[vertex]))
                 if other is None or other in then or place(other):
                     return True
         take(agent, now[agent])
@@ -117,7 +157,7 @@ def plain_configuration(
     return [then[agent] for agent in range(len(now))]
 
 
-def can_be_solved(task: Task) -> bool:
+def can_be_solved(task: Task, rooms: IntArray) -> bool:
     """Return whether any sequence of joint steps leads all agents to their goals; tries all of them."""
     start, goal = tuple(task.starts.tolist()), tuple(task.goals.tolist())
     known, queue = {start}, deque([start])
@@ -131,7 +171,11 @@ def can_be_solved(task: Task) -> bool:
                 (*then, other)
                 for then in partial
                 for other in [vertex, *beside(task.neighbours, vertex)]
-                if other not in then and not any(then[k] == vertex and now[k] == other for k in range(agent))
+                if not any(
+                    rooms[then[k]] == rooms[other]
+                    or (rooms[then[k]] == rooms[vertex] and rooms[now[k]] == rooms[other])
+                    for k in range(agent)
+                )
             ]
         for then in partial:
             if then not in known:

@@ -13,11 +13,21 @@ from tests.planning.fleet.grids import (
     plain_configuration,
     plain_quickest,
     plain_steps,
+    plain_steps_along,
     random_cells,
     tasks,
+    with_lanes,
 )
 from waychair.errors import NoPath, TaskError
-from waychair.planning.fleet.agents import Task, check_reachable, costs, fault, neighbours_of_cells, task_of_cells
+from waychair.planning.fleet.agents import (
+    Numbers,
+    Task,
+    check_reachable,
+    costs,
+    fault,
+    neighbours_of_cells,
+    task_of_cells,
+)
 from waychair.planning.fleet.lacam import first_answer, next_configuration
 from waychair.planning.fleet.lns import improvements, planned_in_order
 from waychair.planning.fleet.solving import solved
@@ -56,31 +66,53 @@ def test_the_quickest_path_among_fixed_ones_equals_a_plain_search_and_keeps_the_
 
 
 def test_the_next_configuration_equals_pibt_as_published() -> None:
-    for number, task in enumerate(tasks(3, 60, 4, 4, 6)):
+    for number, (task, rooms) in enumerate(roomy(3, 60, 4, 4, 6)):
         rng = np.random.default_rng(number)
-        towards = steps_to(task.neighbours, task.goals)
-        order, noise = rng.permutation(6).astype(np.int32), rng.random((6, 5)) * 0.4
+        towards = plain_steps_along(task.neighbours, task.goals)
+        order, noise = rng.permutation(6).astype(np.int32), rng.random((6, task.neighbours.shape[1] + 1)) * 0.4
         forced = np.full(6, -1, np.int32)
         if number % 2:
             forced[order[0]] = max(task.neighbours[task.starts[order[0]]])
         empty = np.full(len(task.neighbours), -1, np.int32), np.full(len(task.neighbours), -1, np.int32)
-        found = next_configuration(task.neighbours, towards, task.starts, order, forced, *empty, noise)
-        plain = plain_configuration(task, towards, task.starts.tolist(), order.tolist(), forced.tolist(), noise)
-        assert found.tolist() == plain
+        found = next_configuration(task.neighbours, rooms, towards, task.starts, order, forced, *empty, noise)
+        assert found.tolist() == plain_configuration(task, rooms, towards, order.tolist(), forced.tolist(), noise)
         assert all((table == -1).all() for table in empty)
 
 
 def test_lacam_finds_an_answer_exactly_where_there_is_one() -> None:
     solvable = 0
-    for task in tasks(4, 40, 2, 4, 3):
-        towards = steps_to(task.neighbours, task.goals)
-        if can_be_solved(task):
-            assert fault(task, first_answer(task, towards, np.random.default_rng(0))) == ""
+    for task, rooms in [*roomy(4, 20, 2, 4, 3)[::2], *roomy(6, 60, 1, 4, 2), *roomy(7, 20, 2, 3, 3)]:
+        towards = plain_steps_along(task.neighbours, task.goals)
+        if can_be_solved(task, rooms):
+            paths = first_answer(task, towards, np.random.default_rng(0), rooms=rooms)
+            assert fault(task, paths) == ""
+            assert fault_of_rooms(rooms[paths]) == ""
             solvable += 1
         else:
             with pytest.raises(NoPath, match="no way in which all agents reach their goals"):
-                first_answer(task, towards, np.random.default_rng(0))
-    assert 10 < solvable < 40
+                first_answer(task, towards, np.random.default_rng(0), rooms=rooms)
+    assert 30 < solvable < 80
+
+
+def roomy(seed: int, count: int, height: int, width: int, agents: int) -> list[tuple[Task, Numbers]]:
+    """Return so many random tasks with the rooms of their vertices; every second one has lanes between its cells."""
+    rng = np.random.default_rng(seed)
+    plain = tasks(seed, count, height, width, agents)
+    return [
+        with_lanes(rng, task) if number % 2 else (task, np.arange(len(task.neighbours), dtype=np.int32))
+        for number, task in enumerate(plain)
+    ]
+
+
+def fault_of_rooms(rooms: Numbers) -> str:
+    """Return a step after which two agents (A, T) are in one room, or have exchanged theirs, as a text; empty if none."""
+    for step, now in enumerate(rooms.T.tolist()):
+        if len(set(now)) < len(now):
+            return f"one room after step {step}"
+        moves = set(zip(rooms[:, step - 1].tolist(), now, strict=True)) if step else set()
+        if any(one != other and (other, one) in moves for one, other in moves):
+            return f"exchanged in step {step}"
+    return ""
 
 
 def test_paths_only_get_shorter_and_stay_valid_and_equal_seeds_give_equal_paths() -> None:
