@@ -1,20 +1,21 @@
 """A whole chair that hears no warden: the chain that it gives itself, as far as it sees it free.
 
-It enters a spot only if it sees nothing in it and in ten metres of single file behind it. Where it stands face to face with
+It enters a spot only if it sees nothing in it and in ten metres of single file behind it, and gives one that it has not reached
+back if something comes there. Where it stands face to face with
 something for a while, it backs out if its side is the one that has to (`planning/fleet/peers/meeting.py`), or if its own goal is taken:
-whoever stands there can leave only past it. It waits in the place aside, and does not back out again on that way.
+whoever stands there can leave only past it. It waits in the place aside, and leaves the next time to the other one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD, shortest_way
-from waychair.planning.fleet.peers.meeting import gives_way, is_before, meeting_at
+from waychair.planning.fleet.peers.meeting import BY_WAYS, gives_way
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.types import FloatArray, Pose2
 
@@ -26,9 +27,6 @@ STANDS_WITHIN = 0.10
 
 LETS_PASS_MS = 45_000
 """ms that a chair stays aside: the other one needs so long for the ten metres that were between them, and its length."""
-
-FACED_BY_WAYS = 2
-"""Times that two chairs try by their ways back, which they measure apart; then their sides alone decide."""
 
 FACED_WITHIN = SEEN_AHEAD + 4.0
 """m to a thing before which a chair stands: it does not enter within ten metres, and stands before the end of its spot."""
@@ -46,16 +44,15 @@ class Seen:
     things: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     nose: float = 0.0
 
-    def middle(self) -> FloatArray | None:
-        """Return the point (2,) [m] halfway from the chair's front to the nearest thing before it; None if there is none near."""
+    def faced(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return the points (2,) [m] of the chair's front, and of the nearest thing before it; None if there is none near."""
         ahead = np.array([math.cos(self.pose.theta), math.sin(self.pose.theta)])
         here = np.array([self.pose.x, self.pose.y]) + self.nose * ahead
         before = self.things[(self.things - here) @ ahead > 0.0]
         if not len(before):
             return None
-        nearest = before[np.argmin(np.hypot(*(before - here).T))]
-        middle: FloatArray = (here + nearest) / 2
-        return middle if math.dist(nearest, here) <= FACED_WITHIN else None
+        nearest: FloatArray = before[np.argmin(np.hypot(*(before - here).T))]
+        return (here, nearest) if math.dist(nearest, here) <= FACED_WITHIN else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,17 +87,16 @@ class AloneDriver:
             self._chain, self._goal = (), ""
             return AloneWay()
         if front in self._chain:
-            self._chain = self._chain[self._chain.index(front) + 1 :]
             self._stands_ms = None
-        elif self._chain and not self._leads_on(front):
-            self._chain = ()
+        self._chain = self._rest(front)
         if goal != self._goal:
             self._goal, self._faced, self._waits_until_ms = goal, 0, 0
             self._chain = ()
         if not self._chain and now_ms >= self._waits_until_ms:
             self._chain = self._chosen(front, seen)
-        free = self._free(front, seen.taken)
+        free = self._free(front, self._chain, seen.taken)
         moves = math.dist((seen.pose.x, seen.pose.y), (self._stood.x, self._stood.y)) > STANDS_WITHIN
+        self._faced = 0 if moves else self._faced
         if free or moves or not self._chain or self._ways.at_home[front]:
             self._stands_ms, self._stood = None, seen.pose
         elif self._stands_ms is None:
@@ -108,13 +104,9 @@ class AloneDriver:
         elif now_ms - self._stands_ms >= FACES_MS:
             self._stands_ms = None
             self._face(now_ms, front, seen)
-            free = self._free(front, seen.taken)
+            free = self._free(front, self._chain, seen.taken)
         mouth = bool(free) and bool(self._ways.at_home[front])
         return AloneWay(self._chain, free, mouth)
-
-    def _leads_on(self, front: int) -> bool:
-        first, end = self._back.first[front : front + 2]
-        return self._chain[0] in self._back.after[first:end]
 
     def _chosen(self, front: int, seen: Seen) -> tuple[int, ...]:
         """Return the spots up to a place aside on the way to the goal, round what is taken if there is a way round."""
@@ -124,12 +116,30 @@ class AloneDriver:
         end = next((k for k, spot in enumerate(way, start=1) if self._ways.at_home[spot]), len(way))
         return way[:end]
 
-    def _free(self, front: int, taken: frozenset[int]) -> int:
-        """Return how many spots of the chain may be entered: with nothing in them, nor in ten metres from there on."""
+    def lost(self, entered: Sequence[int], reached: int, seen: Seen) -> int:
+        """Return how many of the entered spots the chair gives back, if its front has reached the first `reached` of them.
+
+        It keeps one that it has not reached as long as it might enter it.
+        """
+        ahead = (*entered[reached:], *self._rest(entered[-1]))
+        kept = min(reached + self._free(entered[reached - 1], ahead, seen.taken), len(entered))
+        if kept < len(entered):
+            self._chain = ahead[kept - reached :]
+        return len(entered) - kept
+
+    def _rest(self, front: int) -> tuple[int, ...]:
+        """Return the spots of the chain after the front one; none if it does not lead on from there."""
+        if front in self._chain:
+            return self._chain[self._chain.index(front) + 1 :]
+        first, end = self._back.first[front : front + 2]
+        return self._chain if self._chain and self._chain[0] in self._back.after[first:end] else ()
+
+    def _free(self, front: int, chain: Sequence[int], taken: frozenset[int]) -> int:
+        """Return how many spots of a chain may be entered: with nothing in them, nor in ten metres from there on."""
         resource, own = self._ways.resource, int(self._ways.resource[front])
         begins: list[float] = []
         metres = 0.0
-        for spot in self._chain:
+        for spot in chain:
             if int(resource[spot]) in taken and int(resource[spot]) != own:
                 return sum(begin + SEEN_AHEAD <= metres for begin in begins)
             begins.append(metres)
@@ -146,15 +156,13 @@ class AloneDriver:
 
     def _face(self, now_ms: int, front: int, seen: Seen) -> None:
         """Back out to the nearest place aside if it is this side's turn, and that has not been tried yet."""
-        here = np.array([seen.pose.x, seen.pose.y])
-        point = seen.middle()
-        if point is None or self._waits_until_ms:
+        faced = seen.faced()
+        if faced is None:
             return
-        graph = self._ways.graph
-        meeting = meeting_at(graph, point)
         self._faced += 1
-        is_before_it = is_before(graph, meeting.section, point, here)
-        if not (self._goal_is_taken(seen) or gives_way(meeting, is_before_it, self._faced > FACED_BY_WAYS)):
+        if self._waits_until_ms and self._faced <= BY_WAYS:
+            return  # it is the other one's turn
+        if not (self._goal_is_taken(seen) or gives_way(self._ways.graph, *faced, self._faced)):
             return
         taken = seen.taken - {int(self._ways.resource[front])}
         times = {name: int(self._back.least_ms(name)[front]) for name in self._names if name != self._goal}

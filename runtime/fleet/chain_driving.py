@@ -11,6 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.authority import Authority
 from waychair.maps.drawn.zones import Zone
@@ -34,6 +36,9 @@ CLAIMED_BEFORE = 1.6
 
 AT_LINE = 0.30
 """m; a chair so near to the end of its spot is ready to leave it."""
+
+STOPS_WITHIN = 0.6
+"""m; a chair that is farther from a spot stops before it from its speed, as measured with 0.45 m/s."""
 
 LEFT_BEYOND = 0.02
 """m; a spot is left when the rear is so far beyond its end."""
@@ -83,7 +88,7 @@ class ChainDriver:
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
         self._chain: ChainLine | None = None
         self._first = 0  # place of the entered spot in that chain
-        self._way = 0.0
+        self._reach = 0.0, 0.0  # of the chair along its chain [m]: rear and front
         self._goals: tuple[Goal, ...] = ()
         self._waits_since_ms: int | None = None
 
@@ -108,12 +113,20 @@ class ChainDriver:
     @property
     def way(self) -> float:
         """The way [m] of the chair's middle along its chain."""
-        return self._way
+        return sum(self._reach) / 2
 
     @property
     def arrived(self) -> bool:
         """Whether the chair has entered all its spots and left all others."""
         return len(self._ahead) < 2 and not self._behind
+
+    @property
+    def unreached(self) -> int:
+        """How many of the last entered spots the chair has not reached, so that it could still stop before them."""
+        if self._chain is None:
+            return 0
+        begins = self._chain.until[self._first - len(self._behind) : self._first]
+        return int(np.count_nonzero(begins > self._reach[1] + STOPS_WITHIN))
 
     @property
     def wanted(self) -> int:
@@ -140,8 +153,8 @@ class ChainDriver:
             goals_left = len(goals)
         assert self._chain is not None
         piece = max(len(self._chain.folds) - max(goals_left - 1, 0), 0) if self._goals else 0
-        rear, front = self._chain.reach_of(self._body, pose, self._way, piece)
-        self._way = (rear + front) / 2
+        rear, front = self._chain.reach_of(self._body, pose, self.way, piece)
+        self._reach = rear, front
         if self._enter(order, front, now_ms):
             self._waits_since_ms = None
         self._leave(rear, piece, goals_left)
@@ -153,7 +166,7 @@ class ChainDriver:
             beyond = self._ways.graph.section[here.section or ""].other(self._start_of(here))
             room = self._rooms[beyond, here.section or ""]
             line = self._chain.line_at(self._chain.ends_at(piece) - room, here.at(here.length - room)[2])
-        left = float(self._chain.along[-1]) - self._way if until == math.inf else until - front
+        left = float(self._chain.along[-1]) - self.way if until == math.inf else until - front
         ready_in_ms = 0 if left < AT_LINE or self.arrived else round(1e3 * left / self._ways.speed)
         leaves_in_ms = self._leaves_in_ms(rear, front, until, piece)
         report = ChairReport(self._number, self._visit, len(self._behind), ready_in_ms, leaves_in_ms)
@@ -176,9 +189,14 @@ class ChainDriver:
         """
         if self._spot_places[self._ahead[0]].section is None or not self._behind:
             return order
-        self._visit, self._first = self._visit - 1, self._first - 1
-        self._ahead = (self._behind.pop(), *self._ahead)
+        self.give_back(1)
         return withdrawn(order, self._number)
+
+    def give_back(self, spots: int) -> None:
+        """Be in the spot before so many of the last entered ones again."""
+        for _ in range(spots):
+            self._visit, self._first = self._visit - 1, self._first - 1
+            self._ahead = (self._behind.pop(), *self._ahead)
 
     def section_ahead(self) -> str | None:
         """Return the name of the section that the chair is in or comes to next; None at the end of its chain."""
@@ -198,7 +216,7 @@ class ChainDriver:
         self._ahead = spots
         self._chain = chain_of(self._ways, self._spot_places, self._rooms, (*self._behind, *spots))
         self._first = len(self._behind)
-        self._way = float(self._chain.until[self._first - 1]) if self._first else 0.0
+        self._reach = (float(self._chain.until[self._first - 1]) if self._first else 0.0,) * 2
         bay = Goal(name)
         still = bay in self._goals[len(self._goals) - goals_left :] and self._chain.folds and len(spots) > 1
         self._goals = (*((bay,) if still or goes_in else ()), *self._goals_of(spots))
@@ -233,7 +251,7 @@ class ChainDriver:
         found = []
         for k in range(self._first - len(self._behind), self._first):
             end = float(self._chain.until[k])
-            left, most = end + LEFT_BEYOND - rear, min(stops, folds) - self._way
+            left, most = end + LEFT_BEYOND - rear, min(stops, folds) - self.way
             if end > folds or (left > most and not arrives and folds > stops):
                 break
             found.append(round(1e3 * max(min(left, most), 0.0) / self._ways.speed))

@@ -153,7 +153,14 @@ class PeerDriver:
         return True
 
     def _by_eye(self, now_ms: int, wish: OwnWish | None, seen: Seen) -> AloneWay:
-        """Return the way of a chair that hears no warden; where it backs out, it gives back a section that it is not wholly in."""
+        """Return the way of a chair that hears no warden; it first gives back the spots before it in which it sees something.
+
+        Where it backs out, it gives back a section that it is not wholly in.
+        """
+        entered = self.entered
+        lost = self.alone.lost(entered, len(entered) - self.driver.unreached, seen)
+        self.driver.give_back(lost)
+        self._visit, self._behind = self._visit - lost, self._behind - lost
         goal = None if wish is None else wish.goal
         before = self.alone.retreats
         way = self.alone.step(now_ms, self.entered[-1], goal, seen)

@@ -31,7 +31,7 @@ class Standing(NamedTuple):
     number: int
 
 
-_SAME_WAY = 0.5
+SAME_WAY = 0.5
 """m; ways back that differ by less count as equal, as the two chairs measure them apart."""
 
 
@@ -41,7 +41,7 @@ def backs_out(own: Standing, other: Standing) -> bool:
     """
     if own.priority != other.priority:
         return own.priority < other.priority
-    if abs(own.way_back - other.way_back) > _SAME_WAY:
+    if abs(own.way_back - other.way_back) > SAME_WAY:
         return own.way_back < other.way_back
     return own.number > other.number
 

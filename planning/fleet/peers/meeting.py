@@ -1,75 +1,87 @@
-"""Two chairs that stand face to face in single file and cannot hear each other: the side that backs out.
+"""Two chairs that stand face to face in single file and cannot hear each other: the one that backs out.
 
-Both compute it from the point in the middle between them, which each one measures, so that both find the same.
+Each decides alone, from the two points at which they stand. It measures these itself, so that the other one's numbers differ a
+little: a way back counts as shorter only where the other chair finds so too.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from waychair.geometry import arc_lengths, nearest_step
 from waychair.maps.traffic.traffic_graph import TrafficGraph
-from waychair.planning.fleet.peers.alone import Standing, backs_out
+from waychair.planning.fleet.peers.alone import SAME_WAY, Standing, backs_out
 from waychair.types import FloatArray
 
+BY_WAYS = 2
+"""Times that two chairs that face each other compare their ways back; then their sides alone decide."""
 
-class Meeting(NamedTuple):
-    """A point between two chairs: its section, and the ways [m] from there to a place aside beyond the section's start and end."""
+_AROUND = 0.5
+"""m; a chair so near to a node lets nobody through there."""
+
+_AXIS = np.array([math.cos(0.47), math.sin(0.47)])
+"""The chair that is farther in this direction of the map has the higher number. It is aslant to the axes of the map, as two
+chairs in a corridor across it would measure different signs."""
+
+
+class _At(NamedTuple):
+    """A point on the graph: the nearest section, the way [m] along it, and its length."""
 
     section: str
-    before: float
-    beyond: float
+    way: float
+    length: float
 
 
-def meeting_at(graph: TrafficGraph, point: FloatArray) -> Meeting:
-    """Return the meeting at a point (2,) [m] in map."""
-    best: tuple[float, str, float, float] | None = None
+def gives_way(graph: TrafficGraph, here: FloatArray, there: FloatArray, faced: int) -> bool:
+    """Return whether a chair at the point `here` (2,) [m] in map backs out for the one at `there`, as these never both do.
+
+    `faced`: how many times they have faced each other, this one included. The chair of the shorter way back to a place aside
+    backs out at once; of two about equal ones, which each may find the shorter, the one on the higher side, the next time.
+    """
+    own, other = way_aside(graph, here, there), way_aside(graph, there, here)
+    if faced == 1 and not max(own, other) - min(own, other) > SAME_WAY:
+        return False
+    if faced > BY_WAYS:
+        own = other = 0.0
+    side = int((here - there) @ _AXIS > 0.0)
+    return backs_out(Standing(0, own, side), Standing(0, other, 1 - side))
+
+
+def way_aside(graph: TrafficGraph, here: FloatArray, there: FloatArray) -> float:
+    """Return the way [m] from a point to the nearest refuge that does not lead past a chair at another point; inf without any."""
+    at, other = _at(graph, here), _at(graph, there)
+    section = graph.section[at.section]
+    shut = {node.name for node in graph.nodes if math.dist((node.x, node.y), there) < _AROUND}
+    left = {section.start: at.way, section.end: at.length - at.way}
+    if at.section == other.section:
+        left.pop(section.end if at.way < other.way else section.start)
+    waiting, done = set(left) - shut, set(shut)
+    while waiting:
+        node = min(waiting, key=left.__getitem__)
+        if node in graph.refuge_at:
+            return left[node]
+        waiting.remove(node)
+        done.add(node)
+        for move in graph.moves[node]:
+            if move.section != other.section and move.end not in done:
+                way = left[node] + graph.section[move.section].length
+                left[move.end] = min(left.get(move.end, math.inf), way)
+                waiting.add(move.end)
+    return math.inf
+
+
+def _at(graph: TrafficGraph, point: FloatArray) -> _At:
+    """Return where a point (2,) [m] in map is on the graph."""
+    best, found = math.inf, _At("", 0.0, 0.0)
     for section in graph.sections:
         points = np.array([(each.x, each.y) for each in graph.way(section.name)])
         along = arc_lengths(points)
         k, share = nearest_step(points, point)
         off = math.dist(points[k] + share * (points[k + 1] - points[k]), point)
-        if best is None or off < best[0]:
-            way = float(along[k] + share * (along[k + 1] - along[k]))
-            best = (off, section.name, way, float(along[-1]))
-    assert best is not None
-    _, name, way, length = best
-    aside = _ways_aside(graph, name)
-    section = graph.section[name]
-    return Meeting(name, way + aside[section.start], length - way + aside[section.end])
-
-
-def is_before(graph: TrafficGraph, section: str, point: FloatArray, pose: FloatArray) -> bool:
-    """Return whether a pose (2,) is on the side of a section's start, seen from a point (2,) in it."""
-    points = np.array([(each.x, each.y) for each in graph.way(section)])
-    k, _ = nearest_step(points, point)
-    return bool((pose - point) @ (points[k + 1] - points[k]) < 0.0)
-
-
-def gives_way(meeting: Meeting, before: bool, again: bool) -> bool:
-    """Return whether the chair on the side of the section's start (`before`), or of its end, backs out.
-
-    The side of the shorter way backs out, of two equal ones that of the section's end. `again`: they have met without a
-    result before; then only the side counts.
-    """
-    ways = (0.0, 0.0) if again else (meeting.before, meeting.beyond)
-    start, end = Standing(0, ways[0], 0), Standing(0, ways[1], 1)
-    return backs_out(start, end) if before else backs_out(end, start)
-
-
-def _ways_aside(graph: TrafficGraph, without: str) -> Mapping[str, float]:
-    """Return the way [m] from each node to the nearest refuge that does not lead through one section."""
-    left = {node.name: math.inf for node in graph.nodes}
-    left.update({refuge.node: 0.0 for refuge in graph.refuges})
-    waiting = set(left)
-    while waiting:
-        node = min(waiting, key=left.__getitem__)
-        waiting.remove(node)
-        for move in graph.moves[node]:
-            if move.section != without:
-                left[move.end] = min(left[move.end], left[node] + graph.section[move.section].length)
-    return left
+        if off < best:
+            best = off
+            found = _At(section.name, float(along[k] + share * (along[k + 1] - along[k])), float(along[-1]))
+    return found
