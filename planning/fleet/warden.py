@@ -125,26 +125,8 @@ def warm_up(ways: Ways) -> None:
 def decided(state: WardenState, heard: Heard, now_ms: int) -> tuple[WardenState, tuple[Reply, ...], tuple[Wait, ...]]:
     """Return the state after the messages of a step, the answers to all chairs, and all present waits."""
     before = state.order
-    order, refused = before, []
-    times = dict(state.heard_ms)
-    for report in heard.reports:
-        if report.chair not in order.chains:
-            refused.append(_refusal(report.chair, f"chair {report.chair} is not in this building: park it in a refuge"))
-            continue
-        times[report.chair] = now_ms
-        try:
-            order = _followed(order, report, now_ms)
-        except TaskError as error:
-            refused.append(_refusal(report.chair, str(error)))
-    for request in heard.requests:
-        try:
-            order = asked(order, request)
-        except TaskError as error:
-            refused.append(_refusal(request.chair, str(error)))
-    blocked = {resource: until for resource, until in state.blocked_until_ms.items() if until > now_ms}
-    for name, for_ms in heard.blocked_ms.items():
-        for spot in np.flatnonzero(np.array(order.ways.names) == name).tolist():
-            blocked[int(order.ways.resource[spot])] = now_ms + for_ms
+    order, times, refused = _with_messages(state, heard, now_ms)
+    blocked = _blocked(state, heard.blocked_ms, now_ms)
     silent = [
         chair
         for chair, chain in order.chains.items()
@@ -183,6 +165,36 @@ def decided(state: WardenState, heard: Heard, now_ms: int) -> tuple[WardenState,
     )
     present = waits(order, now_ms, state.clearing_ms)
     return new, (*refused, *_replies(new, before, present)), present
+
+
+def _with_messages(state: WardenState, heard: Heard, now_ms: int) -> tuple[Order, dict[int, int], list[Reply]]:
+    """Return the order after the messages of a step, when each chair was last heard, and the refusals."""
+    order, times, refused = state.order, dict(state.heard_ms), []
+    for report in heard.reports:
+        if report.chair not in order.chains:
+            refused.append(_refusal(report.chair, f"chair {report.chair} is not in this building: park it in a refuge"))
+            continue
+        times[report.chair] = now_ms
+        try:
+            order = _followed(order, report, now_ms)
+        except TaskError as error:
+            refused.append(_refusal(report.chair, str(error)))
+    for request in heard.requests:
+        try:
+            order = asked(order, request)
+        except TaskError as error:
+            refused.append(_refusal(request.chair, str(error)))
+    return order, times, refused
+
+
+def _blocked(state: WardenState, seen_ms: Mapping[str, int], now_ms: int) -> dict[int, int]:
+    """Return until when which resources are closed, with the sections that are seen blocked now, for some ms each."""
+    ways = state.order.ways
+    blocked = {resource: until for resource, until in state.blocked_until_ms.items() if until > now_ms}
+    for name, for_ms in seen_ms.items():
+        for spot in np.flatnonzero(np.array(ways.names) == name).tolist():
+            blocked[int(ways.resource[spot])] = now_ms + for_ms
+    return blocked
 
 
 def _priorities(order: Order) -> dict[int, Priority]:
