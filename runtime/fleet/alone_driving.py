@@ -1,9 +1,9 @@
 """A whole chair that hears no warden: the chain that it gives itself, as far as it sees it free.
 
 It enters a spot only if it sees nothing in it and in ten metres of single file behind it, and gives one that it has not reached
-back if something comes there. Where it stands face to face with
-something for a while, it backs out if its side is the one that has to (`planning/fleet/peers/meeting.py`), or if its own goal is taken:
-whoever stands there can leave only past it. It waits in the place aside, and leaves the next time to the other one.
+back if something comes there. Where it stands face to face with something for a while, it backs out if it is the one that has to
+(`planning/fleet/peers/meeting.py`), or if its own goal is taken: whoever stands there can leave only past it. It waits in the
+place aside until the other one has had time to pass.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD, shortest_way
-from waychair.planning.fleet.peers.meeting import BY_WAYS, gives_way
+from waychair.planning.fleet.peers.meeting import gives_way
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.types import FloatArray, Pose2
 
@@ -27,6 +27,9 @@ STANDS_WITHIN = 0.10
 
 LETS_PASS_MS = 45_000
 """ms that a chair stays aside: the other one needs so long for the ten metres that were between them, and its length."""
+
+_MOST_RETREATS = 2
+"""Times that a chair backs out on one way: the other one may be held up the first time, and a thing that stays is none."""
 
 FACED_WITHIN = SEEN_AHEAD + 4.0
 """m to a thing before which a chair stands: it does not enter within ten metres, and stands before the end of its spot."""
@@ -45,13 +48,17 @@ class Seen:
     nose: float = 0.0
 
     def faced(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return the points (2,) [m] of the chair's front, and of the nearest thing before it; None if there is none near."""
+        """Return the points (2,) [m] of the chair's front, and of the nearest thing before it; None if there is none near.
+
+        A chair that comes out of a door has the other one beside it: with nothing before it, the nearest thing around counts.
+        """
         ahead = np.array([math.cos(self.pose.theta), math.sin(self.pose.theta)])
         here = np.array([self.pose.x, self.pose.y]) + self.nose * ahead
-        before = self.things[(self.things - here) @ ahead > 0.0]
-        if not len(before):
+        is_before = (self.things - here) @ ahead > 0.0
+        things = self.things[is_before] if is_before.any() else self.things
+        if not len(things):
             return None
-        nearest: FloatArray = before[np.argmin(np.hypot(*(before - here).T))]
+        nearest: FloatArray = things[np.argmin(np.hypot(*(things - here).T))]
         return (here, nearest) if math.dist(nearest, here) <= FACED_WITHIN else None
 
 
@@ -77,7 +84,7 @@ class AloneDriver:
         self._stands_ms: int | None = None
         self._stood = Pose2()
         self._waits_until_ms = 0
-        self._faced = 0
+        self._faced = self._backed = 0  # times, on the way to this goal
         self.retreats = 0
         """Times that it has backed out."""
 
@@ -90,7 +97,7 @@ class AloneDriver:
             self._stands_ms = None
         self._chain = self._rest(front)
         if goal != self._goal:
-            self._goal, self._faced, self._waits_until_ms = goal, 0, 0
+            self._goal, self._faced, self._backed, self._waits_until_ms = goal, 0, 0, 0
             self._chain = ()
         if not self._chain and now_ms >= self._waits_until_ms:
             self._chain = self._chosen(front, seen)
@@ -160,9 +167,8 @@ class AloneDriver:
         if faced is None:
             return
         self._faced += 1
-        if self._waits_until_ms and self._faced <= BY_WAYS:
-            return  # it is the other one's turn
-        if not (self._goal_is_taken(seen) or gives_way(self._ways.graph, *faced, self._faced)):
+        is_shut_in = self._goal_is_taken(seen) and not self._backed
+        if self._backed >= _MOST_RETREATS or not (is_shut_in or gives_way(self._ways.graph, *faced, self._faced)):
             return
         taken = seen.taken - {int(self._ways.resource[front])}
         times = {name: int(self._back.least_ms(name)[front]) for name in self._names if name != self._goal}
@@ -172,6 +178,7 @@ class AloneDriver:
                 self._chain = way
                 self._waits_until_ms = now_ms + LETS_PASS_MS + 2 * times[name]
                 self.retreats += 1
+                self._backed += 1
                 return
 
 

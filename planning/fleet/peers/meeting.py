@@ -16,7 +16,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.peers.alone import SAME_WAY, Standing, backs_out
 from waychair.types import FloatArray
 
-BY_WAYS = 2
+_BY_WAYS = 2
 """Times that two chairs that face each other compare their ways back; then their sides alone decide."""
 
 _AROUND = 0.5
@@ -44,7 +44,7 @@ def gives_way(graph: TrafficGraph, here: FloatArray, there: FloatArray, faced: i
     own, other = way_aside(graph, here, there), way_aside(graph, there, here)
     if faced == 1 and not max(own, other) - min(own, other) > SAME_WAY:
         return False
-    if faced > BY_WAYS:
+    if faced > _BY_WAYS:
         own = other = 0.0
     side = int((here - there) @ _AXIS > 0.0)
     return backs_out(Standing(0, own, side), Standing(0, other, 1 - side))

@@ -136,6 +136,29 @@ def test_a_chair_whose_goal_is_taken_backs_out_on_either_side(x: float, heading:
     assert WAYS.names[driver._chain[-1]] != goal
 
 
+def test_a_chair_that_comes_out_of_a_door_beside_another_one_goes_back_in_and_twice_at_most() -> None:
+    room = ROOMS[1]
+    x = PLACES[room].pose.x
+    node = next(spot for spot in _way() if WAYS.names[spot].startswith("n") and _is_at(spot, x))
+    heading = PLACES[room].pose.theta + math.pi  # out of the room, across the corridor
+    pose = Pose2(x, 3.0 - 0.6 * math.sin(heading), heading)
+    driver = AloneDriver(WAYS)
+    seen = replace(_seen(_thing(x + 2.0), pose), nose=0.5)
+    assert not ((seen.things - (x, 3.0)) @ (math.cos(heading), math.sin(heading)) > 0.5).any()
+    inside, nothing = WAYS.slots[room][0], _seen(NOTHING, PLACES[room].pose)
+    phase_ms = 2 * FACES_MS + 2 * LETS_PASS_MS
+    for phase, backed_out in enumerate((1, 2, 2)):
+        for time_ms in range(0, phase_ms, 100):
+            at_door = time_ms < 2 * FACES_MS
+            driver.step(phase * phase_ms + time_ms, *((node, GOAL, seen) if at_door else (inside, GOAL, nothing)))
+        assert driver.retreats == backed_out
+
+
+def _is_at(spot: int, x: float) -> bool:
+    node = GRAPH.node.get(WAYS.names[spot])
+    return node is not None and abs(node.x - x) < 1e-6
+
+
 def test_a_chair_aside_in_a_room_leaves_the_corridor_free() -> None:
     place = PLACES[ROOMS[1]].pose
     taken = {WAYS.names[spot] for spot in range(len(WAYS.names)) if int(WAYS.resource[spot]) in _aside(place)}
