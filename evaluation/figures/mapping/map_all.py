@@ -179,11 +179,13 @@ def _killed(
                 cluster.mend()
                 options = ["--jobs", str(_JOBS)] if victim in ("itself", "process") else ["--cluster", cluster.address]
                 command = _program("map-all", *map(str, recordings), "--out", str(out), "--quiet", *options)
+                was_killed = False
                 with subprocess.Popen(command, stderr=subprocess.DEVNULL) as run:
                     if victim != "nobody":
-                        used += _kill(victim, run, cluster, float(rng.uniform(4.0, 4.0 + about_s / 3)))
+                        was_killed = _kill(victim, run, cluster, float(rng.uniform(4.0, 4.0 + about_s / 3)))
                     run.wait()
-                ended = run.returncode == 0 or (run.returncode == 1 and victim == "nobody")
+                used += was_killed
+                ended = run.returncode == 0 or (run.returncode == 1 and not was_killed)  # 1: some cannot be mapped
             same = same and _hashes(out, names) == hashes
             shutil.rmtree(out)
     return {"kills": used, "rounds": rounds, "same": same}
