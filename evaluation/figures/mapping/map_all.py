@@ -170,7 +170,8 @@ def _killed(
     cluster map. The whole is begun anew when all is mapped before the kills are used up.
     """
     rng = np.random.default_rng(38)
-    rounds, used, same = 0, 0, True
+    rounds, used = 0, 0
+    unlike: set[str] = set()
     with _cluster(folder) as cluster:
         while used < kills:
             out, rounds, ended = folder / f"killed_{rounds}", rounds + 1, False
@@ -179,16 +180,25 @@ def _killed(
                 cluster.mend()
                 options = ["--jobs", str(_JOBS)] if victim in ("itself", "process") else ["--cluster", cluster.address]
                 command = _program("map-all", *map(str, recordings), "--out", str(out), "--quiet", *options)
-                was_killed = False
                 with subprocess.Popen(command, stderr=subprocess.DEVNULL) as run:
                     if victim != "nobody":
-                        was_killed = _kill(victim, run, cluster, float(rng.uniform(4.0, 4.0 + about_s / 3)))
+                        used += _kill(victim, run, cluster, float(rng.uniform(4.0, 4.0 + about_s / 3)))
                     run.wait()
-                used += was_killed
-                ended = run.returncode == 0 or (run.returncode == 1 and not was_killed)  # 1: some cannot be mapped
-            same = same and _hashes(out, names) == hashes
-            shutil.rmtree(out)
-    return {"kills": used, "rounds": rounds, "same": same}
+                ended = run.returncode in (0, 1) and _is_complete(out)
+            found = _hashes(out, names)
+            differing = {f"{out.name}/{path}" for path in hashes | found if hashes.get(path) != found.get(path)}
+            unlike |= differing
+            if not differing:  # else it stays, to be looked into
+                shutil.rmtree(out)
+    return {"kills": used, "rounds": rounds, "same": not unlike, "unlike": sorted(unlike)}
+
+
+def _is_complete(out: Path) -> bool:
+    """Return whether the command has mapped each recording, or found that it cannot be mapped."""
+    report = out / "report.json"
+    return report.exists() and all(
+        row["state"] in ("done", "failed") for row in json.loads(report.read_text())["recordings"]
+    )
 
 
 def _kill(victim: str, run: subprocess.Popen[bytes], cluster: _Cluster, after_s: float) -> bool:
