@@ -84,7 +84,8 @@ class AloneDriver:
         self._stands_ms: int | None = None
         self._stood = Pose2()
         self._waits_until_ms = 0
-        self._faced = self._backed = 0  # times, on the way to this goal
+        self._faced = 0  # times since it moved last
+        self._backed = 0  # times on the way to this goal
         self.retreats = 0
         """Times that it has backed out."""
 
@@ -162,7 +163,7 @@ class AloneDriver:
         return 0.0 if section is None else section.length
 
     def _face(self, now_ms: int, front: int, seen: Seen) -> None:
-        """Back out to the nearest place aside if it is this side's turn, and that has not been tried yet."""
+        """Back out to the nearest place aside if this chair is the one that has to, and has not done so too often."""
         faced = seen.faced()
         if faced is None:
             return

@@ -149,8 +149,11 @@ class PeerDriver:
         order = seen_order(self._ways, self.peer.number, self.entered, self._visit, (), 0)
         if self.driver.withdraw(order) is order:
             return False
-        self._visit, self._behind = self._visit - 1, self._behind - 1
+        self._note_given_back(1)
         return True
+
+    def _note_given_back(self, spots: int) -> None:
+        self._visit, self._behind = self._visit - spots, self._behind - spots
 
     def _by_eye(self, now_ms: int, wish: OwnWish | None, seen: Seen) -> AloneWay:
         """Return the way of a chair that hears no warden; it first gives back the spots before it in which it sees something.
@@ -160,7 +163,7 @@ class PeerDriver:
         entered = self.entered
         lost = self.alone.lost(entered, len(entered) - self.driver.unreached, seen)
         self.driver.give_back(lost)
-        self._visit, self._behind = self._visit - lost, self._behind - lost
+        self._note_given_back(lost)
         goal = None if wish is None else wish.goal
         before = self.alone.retreats
         way = self.alone.step(now_ms, self.entered[-1], goal, seen)
