@@ -32,6 +32,9 @@ busy.
 MOST_FLEETS = 8
 """Fleets in which the kills of one kind are done."""
 
+GOES_ON_S = 5.0
+"""s after the return of a killed process until the chairs should go on."""
+
 BETWEEN_S = (15.0, 25.0)
 """s from when chairs go on to the next kill: a process that dies five times in a minute is not started again."""
 
@@ -50,7 +53,8 @@ class LiveRun:
 
     `factor`: the chairs' seconds for each real one in the slowest fleet. `ended`: why fleets ended before their goals.
     `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until a
-    chair moves again, unless the last goal was reached; infinite: not within `BACK_S`.
+    chair moves again, unless the last goal was reached; infinite: not within `BACK_S`. `told_late`: what each rider was told when
+    no chair had moved `GOES_ON_S` after that return.
     """
 
     answers_ms: list[float] = field(default_factory=list)
@@ -62,6 +66,7 @@ class LiveRun:
     ended: list[str] = field(default_factory=list)
     ordered_s: list[float] = field(default_factory=list)
     moved_s: list[float] = field(default_factory=list)
+    told_late: list[dict[str, str]] = field(default_factory=list)
 
 
 def quiet_run(folder: Path, chairs: int, seed: int, seconds: float) -> LiveRun:
@@ -156,10 +161,15 @@ def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
     if back is None:
         run.ordered_s.append(float("inf"))
         return
+    returned = time.monotonic()
     run.ordered_s.append(_or_never(_until(fleet, lambda: _in_order(fleet), BACK_S)))
-    moves = _until(fleet, lambda: record.is_moving or fleet.finished, BACK_S)
+    _until(fleet, lambda: record.is_moving or fleet.finished, GOES_ON_S - (time.monotonic() - returned))
+    if not record.is_moving and not fleet.finished:
+        words = sorted(record.words.items())
+        run.told_late.append({f"chair {number}": word.told or word.goal or "at its goals" for number, word in words})
+        _until(fleet, lambda: record.is_moving or fleet.finished, BACK_S)
     if not fleet.finished:
-        run.moved_s.append(run.ordered_s[-1] + _or_never(moves))
+        run.moved_s.append(time.monotonic() - returned if record.is_moving else float("inf"))
 
 
 def _boot_of(fleet: LiveFleet, name: str) -> int:

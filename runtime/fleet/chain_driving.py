@@ -37,8 +37,13 @@ CLAIMED_BEFORE = 1.6
 AT_LINE = 0.30
 """m; a chair so near to the end of its spot is ready to leave it."""
 
-STOPS_WITHIN = 0.6
-"""m; a chair that is farther from a spot stops before it: by estimate, from 0.45 m/s at 0.3 m/s² after 0.5 s, in 0.56 m."""
+_ANSWERS_S, _BRAKES = 0.9, 0.6
+"""s and m/s²; the way to a stop that a chair is told now is that of its speed for so long, and that of so comfortable braking: its
+eyes, its step and its command are 0.45 s late, and braking with the rider's jerk is half in force for 0.9 s.
+"""
+
+_SPEED_OVER_MS = 80
+"""ms; the speed is measured over so long at least: two steps may be closer, with one pose."""
 
 LEFT_BEYOND = 0.02
 """m; a spot is left when the rear is so far beyond its end."""
@@ -58,6 +63,33 @@ class Steps:
     authority: Authority
     goals: tuple[Goal, ...] | None = None
     bars: tuple[Zone, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Reach:
+    """How far a chair's rear and front were along its chain [m] at its last step; its speed [m/s] since a pose at some ms."""
+
+    rear: float = 0.0
+    front: float = 0.0
+    speed: float = 0.0
+    pose: Pose2 | None = None
+    at_ms: int = 0
+
+    def at(self, rear: float, front: float, pose: Pose2, now_ms: int) -> _Reach:
+        """Return the reach of a step at a time."""
+        if self.pose is None:
+            return _Reach(rear, front, 0.0, pose, now_ms)
+        passed_ms = now_ms - self.at_ms
+        if 0 <= passed_ms < _SPEED_OVER_MS:
+            return replace(self, rear=rear, front=front)
+        metres = math.dist((pose.x, pose.y), (self.pose.x, self.pose.y))
+        speed = 1e3 * metres / passed_ms if passed_ms > 0 else self.speed
+        return _Reach(rear, front, speed, pose, now_ms)
+
+    @property
+    def stops_at(self) -> float:
+        """Where the front comes to rest [m] if the chair is told to stop now."""
+        return self.front + self.speed * _ANSWERS_S + self.speed**2 / (2 * _BRAKES)
 
 
 def withdrawn(order: Order, chair: int) -> Order:
@@ -88,7 +120,7 @@ class ChainDriver:
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
         self._chain: ChainLine | None = None
         self._first = 0  # place of the entered spot in that chain
-        self._reach = 0.0, 0.0  # of the chair along its chain [m]: rear and front
+        self._reach = _Reach()
         self._goals: tuple[Goal, ...] = ()
         self._waits_since_ms: int | None = None
 
@@ -113,7 +145,7 @@ class ChainDriver:
     @property
     def way(self) -> float:
         """The way [m] of the chair's middle along its chain."""
-        return sum(self._reach) / 2
+        return (self._reach.rear + self._reach.front) / 2
 
     @property
     def arrived(self) -> bool:
@@ -126,7 +158,7 @@ class ChainDriver:
         if self._chain is None:
             return 0
         begins = self._chain.until[self._first - len(self._behind) : self._first]
-        return int(np.count_nonzero(begins > self._reach[1] + STOPS_WITHIN))
+        return int(np.count_nonzero(begins > self._reach.stops_at))
 
     @property
     def wanted(self) -> int:
@@ -154,7 +186,7 @@ class ChainDriver:
         assert self._chain is not None
         piece = max(len(self._chain.folds) - max(goals_left - 1, 0), 0) if self._goals else 0
         rear, front = self._chain.reach_of(self._body, pose, self.way, piece)
-        self._reach = rear, front
+        self._reach = self._reach.at(rear, front, pose, now_ms)
         if self._enter(order, front, now_ms):
             self._waits_since_ms = None
         self._leave(rear, piece, goals_left)
@@ -216,7 +248,8 @@ class ChainDriver:
         self._ahead = spots
         self._chain = chain_of(self._ways, self._spot_places, self._rooms, (*self._behind, *spots))
         self._first = len(self._behind)
-        self._reach = (float(self._chain.until[self._first - 1]) if self._first else 0.0,) * 2
+        begins = float(self._chain.until[self._first - 1]) if self._first else 0.0
+        self._reach = replace(self._reach, rear=begins, front=begins)
         bay = Goal(name)
         still = bay in self._goals[len(self._goals) - goals_left :] and self._chain.folds and len(spots) > 1
         self._goals = (*((bay,) if still or goes_in else ()), *self._goals_of(spots))

@@ -10,7 +10,7 @@ from tests.runtime.fleet.test_fleet_member import PLACES, ROOMS, WAYS
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.runtime.fleet.chain_driving import ChainDriver
-from waychair.trials.fleet.fleet_drive import AGAIN_AFTER_S, ChairRun, Rider
+from waychair.trials.fleet.fleet_drive import AGAIN_AFTER_S, MOST_TRIES, ChairRun, Rider
 from waychair.types import Scan
 
 
@@ -51,4 +51,15 @@ def test_a_rider_who_resets_a_chair_asks_again_at_once() -> None:
         rider.reset(ride.simulator.now_ns // 1_000_000)
         follow(1.0)
         assert (len(rider.run.ends), rider.run.again) == (1, 1)
+        assert ride.chair.navigator.active
+
+
+def test_a_rider_asks_again_after_any_number_of_faults_at_one_place() -> None:
+    with riding() as (ride, rider, follow):
+        for times in range(1, MOST_TRIES + 2):
+            ride.chair.stop()
+            follow(1.0)
+            rider.reset(ride.simulator.now_ns // 1_000_000)
+            follow(0.5)
+            assert rider.run.again == times
         assert ride.chair.navigator.active

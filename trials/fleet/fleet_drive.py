@@ -273,8 +273,9 @@ class Rider:
         return self._shut.step(now_ms, self.state.navigation, self.state.map_from_base, self.held, others)
 
     def reset(self, now_ms: int) -> None:
-        """Reset a chair that is not ready, and ask at once, without the usual while, for the drive that its faults ended."""
+        """Reset a chair that is not ready, and ask at once for the drive that its faults ended: they are no try at this place."""
         self.chair.reset()
+        self._again.tries = 0
         if self._course and self.chair.navigator.stage is Stage.FAILED:
             self._ask_again(now_ms)
             self._again.due_ms = now_ms

@@ -15,13 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.fleet.live_runs import KINDS, LiveRun, PartedRun, kill_run, parted_run, quiet_run, weighed_peers
+from evaluation.fleet.live_runs import (
+    GOES_ON_S,
+    KINDS,
+    LiveRun,
+    PartedRun,
+    kill_run,
+    parted_run,
+    quiet_run,
+    weighed_peers,
+)
 from waychair.types import Json
 
 CHAIRS = 3
 ANSWER_P50_MS, ANSWER_P99_MS, AGE_P99_MS = 15.0, 80.0, 350.0
 OVER_LINE_M = 0.05
-GOES_ON_S, ALONE_S, TOGETHER_S = 5.0, 10.0, 5.0
+ALONE_S, TOGETHER_S = 10.0, 5.0
 REAL_TIME = 0.97
 MOST_CORES, MOST_MB = 1.0, 60.0
 WEIGHED_S = 10.0
@@ -62,6 +71,8 @@ def fleet_live(out: Path) -> Json:
                 "kills": len(run.ordered_s),
                 "in_order_after_s_p50_max": _middle_and_most(run.ordered_s),
                 "moves_after_s_p50_max": _middle_and_most(run.moved_s),
+                "moves_late": sum(each > GOES_ON_S for each in run.moved_s),
+                "told_when_late": run.told_late,
                 "over_stop_line_m": round(run.over_line_m, 3),
                 "contacts": run.contacts,
                 "goals_reached": run.reached,

@@ -194,6 +194,22 @@ def test_the_goal_is_the_room_at_the_end_of_the_chain() -> None:
     assert [each.target for each in points.steps[0].goals or ()] == [goal]
 
 
+@pytest.mark.parametrize(("speed", "before"), [(0.2, 3), (1.0, 1)])
+def test_a_chair_has_reached_all_spots_before_which_it_cannot_stop_any_more(speed: float, before: int) -> None:
+    start, goal = _rooms_apart(9.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    driver = points.drivers[0]
+    way = driver.way
+    while points.steps[0].report.visits < 7:
+        way += speed * 0.1
+        assert driver.chain is not None
+        at, heading = driver.chain.place_at(way)
+        points.poses[0] = Pose2(float(at[0]), float(at[1]), heading)
+        points.step()
+    assert driver.unreached == before
+
+
 def test_a_chair_enters_near_spots_and_leaves_them_when_its_rear_is_out() -> None:
     start, goal = _rooms_apart(9.0)
     points = _Points({0: start}, {0: goal})
