@@ -39,25 +39,31 @@ PATIENCE_S = 60.0
 _START_S = 240.0
 """A stack starts within 15 to 40 s, and more slowly on a busy computer; only one that does not start takes it all."""
 _RUNS_AS = re.compile(r"'(\w+)' runs as process (\d+)")
-COMMAND = (sys.executable, "-c", "from waychair.cli.main import main; main()")
-"""The `waychair` of this interpreter."""
+COMMAND = (sys.executable, "-X", "faulthandler", "-c", "from waychair.cli.main import main; main()")
+"""The `waychair` of this interpreter, which tells its threads' stacks if it is aborted."""
 
 
 def waychair(domain: int, *arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """Run a command as at a terminal, without real-time priority, so that it does not delay the stack."""
-    return subprocess.run(
-        [*COMMAND, *arguments],
+    """Run a command as at a terminal, without real-time priority, so that it does not delay the stack.
+
+    Raises:
+        RuntimeError: it does not end in time; with the stacks of its threads.
+    """
+    with subprocess.Popen(
+        ["chrt", "--other", "0", *COMMAND, *arguments],
         env=ros_environment(domain=domain),
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        check=False,
-        timeout=timeout_s,
-        preexec_fn=_without_priority,
-    )
-
-
-def _without_priority() -> None:
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    ) as command:
+        try:
+            said, errors = command.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            command.send_signal(signal.SIGABRT)
+            _, stacks = command.communicate()
+            what = " ".join(arguments)
+            raise RuntimeError(f"`waychair {what}` did not end within {timeout_s:g} s; it was at\n{stacks}") from None
+    return subprocess.CompletedProcess(command.args, command.returncode, said, errors)
 
 
 _AGAIN_S = 3.0
