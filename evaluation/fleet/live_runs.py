@@ -156,6 +156,10 @@ def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
     """Kill a process, and take down how long after its return the chairs go on."""
     record, pid = fleet.record, fleet.pids[name]
     before = _boot_of(fleet, name)
+
+    def goes_on() -> bool:
+        return record.is_moving or fleet.finished
+
     os.kill(pid, signal.SIGKILL)
     back = _until(fleet, lambda: fleet.pids.get(name, pid) != pid and _boot_of(fleet, name) != before, BACK_S)
     if back is None:
@@ -163,11 +167,11 @@ def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
         return
     returned = time.monotonic()
     run.ordered_s.append(_or_never(_until(fleet, lambda: _in_order(fleet), BACK_S)))
-    _until(fleet, lambda: record.is_moving or fleet.finished, GOES_ON_S - (time.monotonic() - returned))
-    if not record.is_moving and not fleet.finished:
+    _until(fleet, goes_on, GOES_ON_S - (time.monotonic() - returned))
+    if not goes_on():
         words = sorted(record.words.items())
         run.told_late.append({f"chair {number}": word.told or word.goal or "at its goals" for number, word in words})
-        _until(fleet, lambda: record.is_moving or fleet.finished, BACK_S)
+        _until(fleet, goes_on, BACK_S)
     if not fleet.finished:
         run.moved_s.append(time.monotonic() - returned if record.is_moving else float("inf"))
 
