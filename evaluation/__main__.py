@@ -187,6 +187,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "wrong_chairs": wrong_chairs.wrong_chairs,
     "ros_goals": _with_ros("chair.ros_stack", "ros_goals"),
     "ros_killed": _with_ros("chair.ros_stack", "ros_killed"),
+    "journeys_killed": _with_ros("chair.ros_journeys", "journeys_killed"),
     "ros_latency": _with_ros("chair.ros_stack", "ros_latency"),
     "ros_mapping": _with_ros("mapping.ros_mapping", "ros_mapping"),
     "ros_period": _with_ros("chair.ros_stack", "ros_period"),

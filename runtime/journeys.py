@@ -10,12 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.journey.door_view import Door, DoorView, beams_through, forgotten, seen_door
+from waychair.control.journey.door_view import Door, DoorView, beams_through, forgotten, is_shut_in, seen_door
 from waychair.control.journey.journey import (
     IN_THE_CAR,
     SEEN_OPEN_S,
@@ -34,15 +34,16 @@ from waychair.control.journey.lift_site import LiftSite, stand_in
 from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.control.journey.ride_motion import RideMotion
 from waychair.control.journey.which_storey import StopEvidence, probabilities, seen_through_door
-from waychair.control.safety.stops import Halt
+from waychair.control.safety.stops import Halt, halt
 from waychair.control.safety.supervisor import deflection_of
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair import ChairSettings, ChairState
+from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage
+from waychair.runtime.travel_ports import LiftPort, TravellingChair
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import DriveMode, Goal, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
+from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
 
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
@@ -70,49 +71,6 @@ class StoreyMap:
     scanned: OccupancyGrid | None = None
 
 
-class TravellingChair(Protocol):
-    """A chair that travels: a `Chair`, or one whose parts are processes of their own. See the methods of `Chair`."""
-
-    @property
-    def settings(self) -> ChairSettings: ...
-    @property
-    def ready(self) -> bool: ...
-    @property
-    def waits(self) -> bool: ...
-    @property
-    def odom_from_base(self) -> Pose2: ...
-    def go(self, goal: Goal, *further: Goal) -> None: ...
-    def confirm(self) -> None: ...
-    def cancel(self) -> None: ...
-    def stop(self) -> None: ...
-    def pause(self) -> bool: ...
-    def go_on(self) -> bool: ...
-    def relocalise(self, map_from_base: Pose2 | None) -> None: ...
-    def doubt_storey(self, *, certain: bool) -> None: ...
-    def prepared_storey(
-        self,
-        grid: OccupancyGrid,
-        places: Mapping[str, Place],
-        zones: Sequence[Zone] = (),
-        scanned: OccupancyGrid | None = None,
-    ) -> Any: ...
-    def change_storey(self, storey: str, prepared: Any, map_from_base: Pose2 | None) -> None: ...
-    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> ChairState: ...
-
-
-class LiftPort(Protocol):
-    """The buttons of the lifts: pressed by a person who is told to, or by a building's adapter."""
-
-    def call(self, lift: str, storey: str) -> None:
-        """Press a storey's button, in the hall there or in the cabin."""
-
-    def hold(self, lift: str, held: bool) -> None:
-        """Keep the door open, or no longer."""
-
-    def said(self, lift: str) -> str | None:
-        """Return the storey at which the lift says its car stands; None if it says nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class TravelState:
     """A tick of a journey: the chair's state, the journey's, None without one, the order, and the storey of the map."""
@@ -129,6 +87,8 @@ class TravelState:
 class _Heard:
     """The latest messages, and the rider's words: the scan, the lift's door in it, whether Stop holds, why to hold, and the
     air's pressure.
+
+    `shut_in`: without a journey, the chair is in a lift whose door is not seen open; `uncertain`: so is the storey since.
     """
 
     scan: Scan | None = None
@@ -136,6 +96,8 @@ class _Heard:
     stopped: bool = False
     hold: str = ""
     pressure: PressureClimb = field(default_factory=PressureClimb)
+    shut_in: bool = False
+    uncertain: bool = False
 
 
 @dataclass(slots=True)
@@ -190,6 +152,11 @@ class Traveller:
     def aboard(self) -> bool:
         """Whether the chair is in a lift, so that its storey is uncertain."""
         return self.journey is not None and self._is_aboard(self.journey)
+
+    @property
+    def shut_in(self) -> bool:
+        """Whether the chair, without a journey, is in a lift whose door is not seen open: no word about its storey holds."""
+        return self.journey is None and self._heard.shut_in
 
     def go(self, legs: Sequence[Leg], now_ns: int) -> None:
         """Begin a journey by the rider's yes; a goal for which the chair waits is that of the first leg."""
@@ -254,7 +221,7 @@ class Traveller:
         if not self._prepared[storey].done():
             return False
         self._chair.change_storey(storey, self._prepared.pop(storey).result(), map_from_base)
-        self.storey = storey
+        self.storey, self._heard.uncertain = storey, False
         return True
 
     def start_at(self, storey: str, map_from_base: Pose2) -> bool:
@@ -262,7 +229,7 @@ class Traveller:
         if storey != self.storey:
             return self.take_storey(storey, map_from_base)
         self._chair.relocalise(map_from_base)
-        self._chair.doubt_storey(certain=True)
+        self._doubt(certain=True)
         return True
 
     def prepare(self, storey: str) -> None:
@@ -286,6 +253,8 @@ class Traveller:
     def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> TravelState:
         """Run one tick of the chair, and of its journey if there is one."""
         heard = tuple(messages)
+        if self._heard.uncertain and not self.aboard:
+            other_halts = (*other_halts, halt("floor_uncertain"))
         state = self._chair.step(now_ns, heard, other_halts)
         for message in heard:
             if isinstance(message, ImuSample):
@@ -296,6 +265,8 @@ class Traveller:
                 self._heard.scan = message
         self._note_drive(state)
         if self.journey is None:
+            if any(isinstance(message, Scan) for message in heard):
+                self._watch_cabin(state)
             return TravelState(state, None, JourneyOrder(""), self.storey, {}, self._heard.door)
         site = self._site(self.journey)
         if site is not None and any(isinstance(message, Scan) for message in heard):
@@ -305,11 +276,23 @@ class Traveller:
         view, before = self._view(self.journey, site, state), self.journey
         self.journey, order = step(before, view)
         if self.journey.phase is JourneyPhase.RIDE and before.phase is not JourneyPhase.RIDE:
-            self._chair.doubt_storey(certain=False)
+            self._doubt(certain=False)
         if self.journey.phase is JourneyPhase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
         self._obey(self.journey, order, state)
         return TravelState(state, self.journey, order, self.storey, view.chances, self._heard.door)
+
+    def _watch_cabin(self, state: ChairState) -> None:
+        """Doubt the storey of a chair without a journey once the door of the lift in which it stands is not seen open."""
+        assert self._heard.scan is not None
+        sites, base_from_laser = self._sites.values(), self._body.base_from_laser
+        self._heard.shut_in = is_shut_in(self._heard.scan, sites, self.storey, state.map_from_base, base_from_laser)
+        if self._heard.shut_in and not self._heard.uncertain:
+            self._doubt(certain=False)
+
+    def _doubt(self, *, certain: bool) -> None:
+        self._heard.uncertain = not certain
+        self._chair.doubt_storey(certain=certain)
 
     def _site(self, journey: Journey) -> LiftSite | None:
         """Return the lift that the journey is about, on the map in use."""
@@ -460,7 +443,7 @@ class Traveller:
             self._switch(site.lift, order.switch, journey, state)
         elif order.switch is not None and site is not None:  # the same storey again: only its place is uncertain
             self._chair.relocalise(self._site_pose(site, journey, state))
-            self._chair.doubt_storey(certain=True)
+            self._doubt(certain=True)
 
     def _press(self, lift: str, storey: str | None, now_ns: int) -> None:
         before = self._pressed
@@ -481,4 +464,4 @@ class Traveller:
             return  # the chair rests meanwhile
         site = self._sites[lift, storey]
         self._chair.change_storey(storey, self._prepared.pop(storey).result(), self._site_pose(site, journey, state))
-        self.storey = storey
+        self.storey, self._heard.uncertain = storey, False

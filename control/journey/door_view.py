@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,9 @@ OPEN_FROM, CLOSED_BELOW = 0.9, 0.12
 
 CHANGE = 0.06
 """A change of the free share by more is a motion of a leaf, or somebody in the doorway."""
+
+SHUT_IN = "the door of the lift is not open: say the storey once it is"
+"""Why no word about its storey is taken of a chair in a lift: the car may go elsewhere."""
 
 
 class Door(enum.Enum):
@@ -80,6 +84,18 @@ def seen_door(before: DoorView, scan: Scan, cabin_from_laser: Pose2, site: LiftS
 def forgotten(view: DoorView) -> DoorView:
     """Return the view of a door that nobody looks at now."""
     return replace(view, door=Door.UNSEEN, still_since_ns=None, open_since_ns=None)
+
+
+def is_shut_in(
+    scan: Scan, sites: Iterable[LiftSite], storey: str, map_from_base: Pose2, base_from_laser: Pose2
+) -> bool:
+    """Return whether a chair is in a lift whose door is closed, or not seen: the car may go elsewhere."""
+    for site in sites:
+        cabin_from_base = site.cabin.inverse() @ map_from_base
+        if site.storey == storey and site.holds(cabin_from_base):
+            door = seen_door(DoorView(), scan, cabin_from_base @ base_from_laser, site).door
+            return door in (Door.CLOSED, Door.UNSEEN)
+    return False
 
 
 def _parts(scan: Scan, door_from_laser: Pose2, width: float) -> tuple[BoolArray, BoolArray]:

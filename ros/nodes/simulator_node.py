@@ -116,7 +116,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self.at_end(self._ended.set)
 
     def reports(self) -> Iterable[Report]:
-        """Report the real-time factor, the number of contacts, and the path of the cable."""
+        """Report the real-time factor, the number of contacts, the level of the world, and the path of the cable."""
         if self._simulator is None:
             return (Report("simulation", DiagnosticLevel.STALE, "the world is being built"),)
         lost_s, self._lost_s = self._pacer.lost_s - self._lost_s, self._pacer.lost_s
@@ -132,6 +132,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             ("real time factor", f"{self._pacer.real_time_factor:.4f}"),
             ("lost [s]", f"{self._lost_s:.3f}"),
             ("contacts", str(self._simulator.contacts)),
+            ("level", self._simulator.world.level),
             ("cable", self._cable),
         )
         return (Report("simulation", level, message, values),)

@@ -13,7 +13,7 @@ from tests.maps.building.test_lift_cabins import with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.journey.building_legs import sites_of_building, stops_without_map
 from waychair.runtime.journeys import StoreyMap, Traveller
-from waychair.types import OccupancyGrid, Pose2
+from waychair.types import OccupancyGrid, Pose2, Scan
 
 
 class Chair:
@@ -21,6 +21,8 @@ class Chair:
 
     def __init__(self) -> None:
         self.told: list[Any] = []
+        self.halts: list[str] = []
+        self.pose = Pose2(3.0, 0.0)
 
     def prepared_storey(self, grid: OccupancyGrid, *_: Any) -> OccupancyGrid:
         return grid
@@ -33,6 +35,10 @@ class Chair:
 
     def doubt_storey(self, *, certain: bool) -> None:
         self.told.append(certain)
+
+    def step(self, now_ns: int, messages: Any, halts: Any = ()) -> Any:
+        self.halts = [each.stop.id for each in halts]
+        return SimpleNamespace(stamp_ns=now_ns, map_from_base=self.pose)
 
 
 def floor_of(value: int) -> OccupancyGrid:
@@ -76,3 +82,26 @@ def test_a_lifts_stops_without_a_map_or_a_cabin_are_known_by_their_heights() -> 
     assert stops_without_map(cabins, sites, {"g": 0, "1": 0}) == {lift: {}}
     assert stops_without_map(cabins, sites, {"g": 0}) == {lift: {"1": heights["1"]}}
     assert stops_without_map(bare, (), {"g": 0, "1": 0}) == {lift: heights}
+
+
+def test_a_chair_in_a_lift_without_a_journey_doubts_its_storey_once_the_door_is_not_seen_open(
+    chair: Chair, traveller: Traveller
+) -> None:
+    (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
+    blind = Scan(0, np.full(720, np.nan, np.float32), -2.356, 4.712 / 719)
+
+    def tick() -> bool:
+        traveller.step(0, (blind,))
+        return traveller.shut_in
+
+    assert not tick()
+    chair.pose = site.cabin
+    assert tick()
+    assert tick()
+    assert (chair.told, chair.halts) == ([False], ["floor_uncertain"])  # told once, and no drive begins
+    chair.pose = Pose2(3.0, 0.0)
+    assert not tick()
+    assert chair.halts == ["floor_uncertain"]  # until somebody has said which storey it is
+    assert traveller.start_at("g", chair.pose)
+    assert not tick()
+    assert chair.halts == []

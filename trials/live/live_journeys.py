@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.journey.building_legs import stops_without_map
+from waychair.control.journey.door_view import SHUT_IN
 from waychair.control.journey.journey import JourneyPhase, Leg
 from waychair.control.safety.stops import Halt
 from waychair.errors import BuildingError, WaychairError
@@ -180,6 +181,8 @@ class LiveJourneys:
         """Take the rider's word for where the chair stands, unless it drives, or a journey is under way."""
         if drives or self.traveller.journey is not None:
             return PortAnswer(False, "the chair is on its way: cancel the drive first, then say where it is")
+        if self.traveller.shut_in:
+            return PortAnswer(False, SHUT_IN)
         title = self._title(storey)
         if not self.traveller.start_at(storey, pose):
             return PortAnswer(False, f"the map of {title} is being made ready: say it again in a moment")
@@ -214,11 +217,13 @@ class LiveJourneys:
         title = self._title(storey)
         if storey not in asked:
             return PortAnswer(False, NOT_ASKED)
+        if self.traveller.shut_in:
+            return PortAnswer(False, SHUT_IN)
         if self.traveller.journey is not None:
             self.traveller.answer(storey, now_ns)
-        elif storey != self.traveller.storey:
-            pose = self._guide.pose_at(storey)
-            if not self.traveller.take_storey(storey, pose):
+        else:
+            pose, traveller = self._guide.pose_at(storey), self.traveller
+            if not (traveller.take_storey(storey, None) if pose is None else traveller.start_at(storey, pose)):
                 return PortAnswer(False, f"the map of {title} is being made ready: answer again in a moment")
         return PortAnswer(True, f"this is {title}")
 

@@ -16,7 +16,7 @@
 | initialpose | the place by a tag, of a chair that is not certain of it |
 
 A journey that was under way when its node was killed is over. If the chair was in a lift then, no drive begins until somebody
-has said which storey it is on.
+has said which storey it is on; nor if it is in a lift without a journey, and the door is not seen open.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.journey.door_view import SHUT_IN
 from waychair.control.journey.journey import JourneyPhase
 from waychair.errors import BuildingError, WaychairError
 from waychair.planning.building.beacon_places import storey_of_beacon
@@ -39,6 +40,7 @@ from waychair.ros.messages.floor import Floor, JourneyReport, StoreyGoal, journe
 from waychair.ros.messages.motion import pose_with_covariance
 from waychair.ros.messages.sensors import read_imu, read_pressure
 from waychair.ros.messages.wire import native, plain
+from waychair.ros.nodes.navigator_parts.cabin_watch import CabinWatch
 from waychair.ros.nodes.navigator_parts.lift_adapter import LiftAdapter
 from waychair.ros.nodes.navigator_parts.remote_chair import LegDriver, RemoteChair
 from waychair.ros.nodes.node import ChairNode
@@ -55,7 +57,7 @@ from waychair.ros.nodes.worker import Worker
 from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.journeys import Traveller, TravelState
 from waychair.runtime.tag_watch import TagWatch, TagWord
-from waychair.types import Pose2
+from waychair.types import Pose2, Scan
 
 STARTS_WITHIN_S = 3.0
 """s; a first drive that neither waits nor drives by then was refused."""
@@ -80,6 +82,7 @@ class Journeys:
         self._worker = Worker(node)
         self._now: _Journey | None = None
         self._lifts = LiftAdapter(node)
+        self._cabins = CabinWatch(driver, body.base_from_laser, self._worker)
         self._client: tuple[Any, Future] | None = None
         """The action's goal handle and its result, while a client waits."""
         self._report = JourneyReport(0)
@@ -141,10 +144,14 @@ class Journeys:
         """Take in a scan or a sample of the IMU, for the next step."""
         if self._now is not None:
             self._now.messages.append(message)
+        if isinstance(message, Scan) and (self._now is None or self._now.traveller.journey is None):
+            self._cabins.look(message)
 
     def step(self) -> None:
         """Make one step of the journey, if there is one."""
         journey = self._now
+        if (journey is None or journey.traveller.journey is None) and self._cabins.doubts(self._driver.now()):
+            self._doubt("the chair is in a lift whose door is not open, so that its storey is not certain")
         if journey is None:
             return
         messages, journey.messages = tuple(journey.messages), []
@@ -356,7 +363,8 @@ class Journeys:
         """Take the rider's word for the storey, and the place: of a journey that asks, else for all nodes.
 
         Raises:
-            BuildingError: there is no such storey or place, the chair drives, or a journey is under way.
+            BuildingError: there is no such storey or place, the chair drives or is in a lift with its door shut, or a journey
+                is under way.
         """
         now = self._driver.now()
         if now.floor is None:
@@ -371,6 +379,8 @@ class Journeys:
             return f"the chair takes {storey} as its storey, if the ride does not contradict it"
         if journey is not None or (now.state is not None and now.state.driving):
             raise BuildingError("the chair is on its way: cancel the drive first, then say the storey")
+        if self._cabins.shut_in:
+            raise BuildingError(SHUT_IN)
         pose = None
         if place:
             storey, folder, pose = start_named(building, StoreyGoal(place, name))

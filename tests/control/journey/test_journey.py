@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.control.journey.door_view import Door, DoorView, forgotten, seen_door
+from waychair.control.journey.door_view import Door, DoorView, forgotten, is_shut_in, seen_door
 from waychair.control.journey.journey import (
     COMES_WITHIN_S,
     CROWDED_S,
@@ -338,3 +338,32 @@ def test_a_door_out_of_sight_is_unknown() -> None:
     away = seen_door(DoorView(), scan(1.1), Pose2(2.0, 0.0, 0.0), SITE)
     assert away.door is Door.UNSEEN
     assert forgotten(looks(1.1)[0]).still_s(5 * S) == 0.0
+
+
+def scan_in_cabin(opening: float, faces: float = 0.0) -> Scan:
+    """Return a scan from the cabin's middle, turned by an angle from its door, whose leaves at x = 1 are open by a width."""
+    angles = np.linspace(-2.356, 2.356, 720)
+    dx, dy = np.cos(faces + angles), np.sin(faces + angles)
+    with np.errstate(divide="ignore"):
+        across = dy / dx
+    at_door = (dx > 0.0) & (np.abs(across) < 0.55)
+    ranges = np.where(at_door, np.where(np.abs(across) < opening / 2, 5.0, 1.0 / np.maximum(dx, 0.1)), 0.9)
+    return Scan(0, ranges.astype(np.float32), -2.356, 4.712 / 719)
+
+
+@pytest.mark.parametrize(
+    ("opening", "storey", "x", "faces", "shut"),
+    [
+        (0.0, "g", 0.0, 0.0, True),
+        (1.1, "g", 0.0, 0.0, False),
+        (0.6, "g", 0.0, 0.0, False),  # a leaf moves, or somebody stands there
+        (1.1, "g", 0.0, math.pi, True),  # nobody sees whether it is open
+        (0.0, "1", 0.0, 0.0, False),
+        (0.0, "g", 1.2, 0.0, False),
+    ],
+)
+def test_a_chair_is_shut_in_where_its_lifts_door_is_not_seen_open(
+    opening: float, storey: str, x: float, faces: float, shut: bool
+) -> None:
+    pose = SITE.cabin @ Pose2(x, 0.0, faces)
+    assert is_shut_in(scan_in_cabin(opening, faces), (SITE,), storey, pose, Pose2()) is shut

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.maps.building.buildings import two_storeys
-from tests.maps.building.test_lift_cabins import with_cabins
+from tests.maps.building.test_lift_cabins import CABIN, with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.config import Settings
 from waychair.control.drive.navigation import Navigation, Stage
@@ -43,7 +43,7 @@ from waychair.ros.nodes.parts.simulated_lifts import SESSION_S, SimulatedLiftAda
 from waychair.runtime.tag_watch import TagWord
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import load_levels
-from waychair.types import DriveMode, Goal, OccupancyGrid, Place, Pose2, Twist
+from waychair.types import DriveMode, Goal, OccupancyGrid, Place, Pose2, Scan, Twist
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -326,3 +326,27 @@ def test_the_riders_word_for_the_storey_is_taken_at_rest_and_a_wrong_name_is_tol
     site.driver.drives = True
     with pytest.raises(BuildingError, match="the chair is on its way: cancel the drive first"):
         site.journeys._say_storey("First")
+
+
+def test_in_a_lift_whose_door_is_not_seen_open_the_storey_is_doubted_and_no_word_is_taken(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(site.journeys, "_doubt", said.append)
+    blind = Scan(0, np.full(720, np.nan, np.float32), -2.356, 4.712 / 719)
+
+    def look() -> bool:
+        site.journeys.hear(blind)
+        return bool(said)
+
+    site.until(lambda: site.journeys._cabins._sites, "the lifts of the map")
+    assert not look()
+    site.driver.pose = Pose2(CABIN.x, CABIN.y, CABIN.theta)
+    site.until(look, "the doubt")
+    assert said == ["the chair is in a lift whose door is not open, so that its storey is not certain"]
+    with pytest.raises(BuildingError, match="the door of the lift is not open: say the storey once it is"):
+        site.journeys._say_storey("Ground")
+    site.driver.certain, site.driver.pose = False, Pose2(4.0, 0.0)
+    assert look()
+    assert "takes the map of g" in site.journeys._say_storey("Ground")
+    assert len(said) == 1
