@@ -395,6 +395,7 @@ class Navigator:
             self._plan.approaches += 1
             if self._plan.approaches >= MOST_APPROACHES:
                 self.cancel(how_far_off(self._goals[0], self._now.pose))
+                return self._navigation(braking(self._now.command, self._dwa), choice)
         if choice.arrived:
             return self._reached(choice)
         if choice.blocked:

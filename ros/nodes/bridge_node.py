@@ -91,6 +91,9 @@ from waychair.types import ChairStatus, Goal, JoystickInput, Odometry, Pose2, Tw
 _OPENING_S = 0.02  # longest time that a tick waits for opening the cable
 _AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is coarse
 _TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
+_LATE_NS = (
+    65_000_000  # the navigator's requests come every 50 ms or a little later; each is answered by one tick, no more
+)
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
 
@@ -299,7 +302,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Tick without a request, if none has come for a while or another node falls silent during a drive."""
         now_ns = time.monotonic_ns()
         silent = self._request.is_silent(now_ns) or self._localised.heartbeat.is_silent(now_ns)
-        if now_ns - self._drive.ticked_ns > _TICK_NS or (silent and self._drive.mode in DRIVEN):
+        due = now_ns - self._drive.ticked_ns > _TICK_NS and now_ns - self._request.at_ns > _LATE_NS
+        if due or (silent and self._drive.mode in DRIVEN):
             self._tick()
 
     def _tick(self) -> None:

@@ -52,7 +52,7 @@ LATER_S = {
 }
 """s; a kill comes at a random moment up to so long after its phase has begun: most of each phase's length."""
 
-RESTED_MS, STUCK_S = 150.0, 300.0
+RESTED_MS, STUCK_S = 150.0, 150.0
 """Bar of the time to rest [ms]; longest time [s] in which a rider brings the chair to the next kill."""
 
 _DOMAIN = 88
@@ -191,6 +191,8 @@ class Rider:
         gone_ns = until_released(stack, dead_ns, patience_s=5.0) if held else dead_ns
         called = self._rng.random() < 0.5
         stack.until(lambda: stack.pids[node] != pid, f"another {node}")
+        if node == "navigator":
+            self.seen.journeys.all.clear()  # its journey has ended with it
         if called and self.seen.level:
             self.press(next(each for each in self._names if each != self.seen.level))
         stack.spin(4.0)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from tests.control.drive.navigator_hall import drive, hall, navigator
+from tests.control.drive.navigator_hall import NOTHING, drive, hall, navigator
 from waychair.control.drive.navigator import Stage
 from waychair.errors import GoalOutsideMap
+from waychair.planning.window.dwa import DwaResult
 from waychair.types import Goal, Pose2, Twist
 
 
@@ -28,3 +31,21 @@ def test_on_a_map_without_free_space_the_chair_stands_and_says_why() -> None:
     assert state.stage is Stage.FAILED
     assert "the map has no free space for a chair" in state.reason
     assert state.twist == Twist()
+
+
+def test_a_goal_that_is_missed_each_time_is_given_up_with_the_distance_and_stays_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pilot, start = navigator(hall()), Pose2(2.0, 4.0)
+    pilot.go(Goal(Pose2(8.0, 4.0)))
+    follow = pilot._follow
+
+    def overruns(*seen: Any) -> DwaResult:
+        return replace(follow(*seen), arrived=True)  # the chair stands, as it takes it, at the end of its way
+
+    monkeypatch.setattr(pilot, "_follow", overruns)
+    states, poses = drive(pilot, start, 5)
+    assert states[-1].stage is Stage.FAILED
+    assert "m and 0 degrees from the goal and cannot stop more exactly" in states[-1].reason
+    after = pilot.step(10**10, poses[-1], NOTHING)
+    assert (after.stage, after.goals) == (Stage.FAILED, 0)

@@ -227,3 +227,25 @@ def test_f5_a_speed_that_is_not_a_number_replaces_the_one_before(ros: Harness) -
         wanted = (lambda told=told: heard.value == told) if kept else (lambda: math.isnan(heard.value.v))
         ros.spin_until(wanted, f"{told} to be heard")
     ros.node.destroy_subscription(listening.subscription)
+
+
+@pytest.mark.parametrize(
+    ("ticked_ms", "asked_ms", "ticks"),
+    [(49, 49, 0), (60, 60, 0), (66, 66, 1), (46, 90, 1), (44, 90, 0)],  # ages of the last tick and request
+)
+def test_each_request_is_answered_by_one_tick_and_only_missing_ones_by_the_clock(
+    ticked_ms: int, asked_ms: int, ticks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from waychair.ros.nodes import bridge_node
+
+    now_ns, made = 10**9, list[int]()
+    monkeypatch.setattr(bridge_node.time, "monotonic_ns", lambda: now_ns)
+    request = bridge_node.LastMessage(DriveRequest(0), at_ns=now_ns - asked_ms * 10**6)
+    node: Any = SimpleNamespace(
+        _request=request,
+        _localised=bridge_node.Localised(),
+        _drive=bridge_node.BridgeDrive(ticked_ns=now_ns - ticked_ms * 10**6),
+        _tick=lambda: made.append(now_ns),
+    )
+    bridge_node.BridgeNode._watch(node)
+    assert len(made) == ticks
