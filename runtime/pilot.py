@@ -202,6 +202,7 @@ class Pilot:
             map_from_odom=map_from_odom,
             beyond=sight.beyond,
             seen_ns=sight.seen_ns,
+            unconfirmed=self.waits,
         )
 
     def note_sent(self, command: Twist | None, ended: str = "") -> None:

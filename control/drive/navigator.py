@@ -198,12 +198,15 @@ class Navigator:
         map_from_odom: Pose2 | None = None,
         beyond: FloatArray | None = None,
         seen_ns: int | None = None,
+        unconfirmed: bool = False,
     ) -> Navigation:
         """Do one tick from map_from_base and, if there was a scan, its obstacle points (N, 2) [m] in map.
 
         `beyond` (M, 2) [m] in map are the ends of free space on the scan's other beams. `seen_ns` is the scan's stamp,
         by default `now_ns`. `map_from_odom` is the localisation's correction of the odometry, by default identity.
+        `unconfirmed`: the goal waits for the rider's yes; a chair that stands there has not arrived yet.
         """
+        self._plan.unconfirmed = unconfirmed
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
             return self._halt(now_ns, _UNKNOWN_POSE)
@@ -281,7 +284,7 @@ class Navigator:
         """Return the output of a chair that stands at its goal, however it came there."""
         begins = self._plan.path is None and self._now.rested_ticks >= RESTED_TICKS
         if (begins or self._now.stands_for(TOLD_AFTER_S)) and is_at(self._goals[0], self._now.pose):
-            return self._reached()
+            return self._navigation(Twist()) if self._plan.unconfirmed else self._reached()
         return None
 
     def _plan_ahead(self, now_ns: int) -> Navigation | None:
@@ -396,7 +399,7 @@ class Navigator:
             if self._plan.approaches >= MOST_APPROACHES:
                 self.cancel(how_far_off(self._goals[0], self._now.pose))
                 return self._navigation(braking(self._now.command, self._dwa), choice)
-        if choice.arrived:
+        if choice.arrived and not self._plan.unconfirmed:
             return self._reached(choice)
         if choice.blocked:
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)

@@ -124,6 +124,7 @@ class PlanState:
     `leg` drives the first of the `legs`. `count`: plans made for this goal. `made_ns`: start of the latest planning, None
     to ask for a new plan. `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it
     expects walking people.
+    `unconfirmed`: the goal waits for the rider's yes, before which no chair has arrived, even one that stands there.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
     `other`: a longer way round.
     """
@@ -137,6 +138,7 @@ class PlanState:
     obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     among_people: bool = False
     no_path_reason: str = ""
+    unconfirmed: bool = False
     refusal: str = ""
     approaches: int = 0
     other: OtherWay = field(default_factory=OtherWay)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from waychair.calibration.chair_body import ChairBody
@@ -63,6 +64,17 @@ class LiftSite:
     def holds(self, cabin_from_base: Pose2) -> bool:
         """Return whether a chair's axle is in the cabin."""
         return abs(cabin_from_base.x) <= self.length / 2 and abs(cabin_from_base.y) <= self.width / 2
+
+
+def pose_in_same_lift(sites: Sequence[LiftSite], storey: str, map_from_base: Pose2, other: str) -> Pose2 | None:
+    """Return the pose on another storey's map of a chair in a lift that stops there; None if it is in none."""
+    for site in sites:
+        cabin_from_base = site.cabin.inverse() @ map_from_base
+        if site.storey == storey and site.holds(cabin_from_base):
+            there = (each.cabin for each in sites if (each.lift, each.storey) == (site.lift, other))
+            cabin = next(there, None)
+            return None if cabin is None else cabin @ cabin_from_base
+    return None
 
 
 def stand_in(site: LiftSite, body: ChairBody) -> Pose2:

@@ -264,14 +264,16 @@ class LiveStack:
 
     def begin(self, goal: Pose2) -> None:
         """Request a drive by the action, confirm it, and wait until the chair moves."""
-        self.drive(lambda: self.client.go_to_pose(goal, 10.0), lambda: self.driving and self._moves())
+        self.drive(lambda: self.client.go_to_pose(goal, 10.0), lambda: self.driving and self.moves)
 
     @property
     def waits(self) -> bool:
         """Return whether a goal waits for confirmation."""
         return self.state is not None and self.state.waits
 
-    def _moves(self) -> bool:
+    @property
+    def moves(self) -> bool:
+        """Whether the chair truly moves, faster than a rider would notice."""
         return self.really is not None and abs(self.really.twist.v) > 0.15
 
 

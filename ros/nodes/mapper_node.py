@@ -189,6 +189,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
         self._localisation = self._saved_pose = None  # these belong to another map
+        if start is not None:
+            self._keep_pose(start)  # before the floor: a mapper that is killed now begins again where the chair is
         self._floor.take(folder, certain=certain)
         self._send_grid()
 
@@ -206,8 +208,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _save_pose(self) -> None:
         """Save the chair's pose unless it is lost."""
-        s = self.settings
-        if not s.pose_file or self._localiser is None or self._localisation is None:
+        if self._localiser is None or self._localisation is None:
             return
         found = self._localisation[1]
         if found.state is LocalisationState.LOST:
@@ -216,8 +217,13 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if before is not None and max(map(abs, (before.inverse() @ pose).array())) < _MOVED:
             return
         self._saved_pose = pose
+        self._keep_pose(pose)
+
+    def _keep_pose(self, pose: Pose2) -> None:
+        if not self.settings.pose_file:
+            return
         try:
-            remember_pose(Path(s.pose_file), self._folder, pose)
+            remember_pose(Path(self.settings.pose_file), self._folder, pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 

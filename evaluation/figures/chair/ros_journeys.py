@@ -40,17 +40,19 @@ KILLS = int(os.environ.get("JOURNEY_KILLS", "50"))
 WORLD = "two_floors"
 NODES = ("navigator", "mapper", "bridge")
 LATER_S = {
-    JourneyPhase.DRIVE: 4.0,
+    JourneyPhase.DRIVE: 2.0,
     JourneyPhase.CALL: 0.3,
     JourneyPhase.WAIT: 4.0,
-    JourneyPhase.ENTER: 4.0,
+    JourneyPhase.ENTER: 2.0,
     JourneyPhase.RIDE: 8.0,
     JourneyPhase.WHICH: 1.0,
     JourneyPhase.SWITCH: 0.0,
     JourneyPhase.RELOCALISE: 0.3,
-    JourneyPhase.LEAVE: 3.0,
+    JourneyPhase.LEAVE: 2.0,
 }
-"""s; a kill comes at a random moment up to so long after its phase has begun: most of each phase's length."""
+"""s; a kill comes at a random moment up to so long after its phase has begun, or after the chair moves in it."""
+
+_DRIVES = (JourneyPhase.DRIVE, JourneyPhase.ENTER, JourneyPhase.LEAVE)
 
 RESTED_MS, STUCK_S = 150.0, 150.0
 """Bar of the time to rest [ms]; longest time [s] in which a rider brings the chair to the next kill."""
@@ -127,7 +129,7 @@ class Rider:
 
         def there() -> bool:
             self._help()
-            return self.phase == phase
+            return self.phase == phase and (phase not in _DRIVES or self._stack.moves)
 
         self._stack.until(there, f"the phase {phase}", STUCK_S)
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 from waychair.control.journey.building_legs import sites_of_building
 from waychair.control.journey.door_view import is_shut_in
-from waychair.control.journey.lift_site import LiftSite
+from waychair.control.journey.lift_site import LiftSite, pose_in_same_lift
 from waychair.errors import WaychairError
 from waychair.planning.building.learnt_drives import building_of_map
 from waychair.ros.messages.floor import Floor
 from waychair.ros.nodes.navigator_parts.remote_chair import AGAIN_S, ChairNow, LegDriver
 from waychair.ros.nodes.worker import Worker
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import Pose2, Scan
 
 
@@ -37,6 +38,18 @@ class CabinWatch:
             return False
         self._doubted_ns = now.stamp_ns
         return True
+
+    def pose_on(self, storey: str) -> Pose2 | None:
+        """Return the chair's pose on a storey's map as far as it follows from that on the present one: on the same, or by the lift
+        in which the chair is; None otherwise.
+        """
+        now = self._driver.now()
+        lost = now.localisation is None or now.localisation.state is LocalisationState.LOST
+        if lost or now.map_from_base is None or now.floor is None:
+            return None
+        if storey == now.floor.storey:
+            return now.map_from_base
+        return pose_in_same_lift(self._sites, self._storey, now.map_from_base, storey)
 
     def _follow(self, floor: Floor) -> None:
         """Know the lifts of the map in use; of a damaged building none, of which others tell."""

@@ -386,8 +386,15 @@ class Journeys:
             storey, folder, pose = start_named(building, StoreyGoal(place, name))
         else:
             storey, folder = storey_named(building, name)
+            pose = self._cabins.pose_on(storey)
         chair = RemoteChair(self._node, self._driver, {storey: str(folder.resolve())})
         chair.change_storey(storey, None, pose)
         self._node.executor.create_task(chair.close)
-        looks = f"localises itself at {place}" if place else "looks for its place there"
+        looks = (
+            f"localises itself at {place}"
+            if place
+            else "looks for its place there"
+            if pose is None
+            else "knows its place"
+        )
         return f"the chair takes the map of {storey}, and {looks}"

@@ -60,16 +60,18 @@ class FloorKeeper:
     def in_a_lift(self, folder: Path, pose: Pose2 | None) -> bool:
         """Return whether a kept pose on a map is in a lift, or in its doorway: the car may have gone elsewhere since.
 
-        The phase of a journey is not asked: a chair that was killed while it drove in or out is in the car as well.
+        The phase of a journey is not asked: a chair that was killed while it drove in or out is in the car as well. It may
+        also be there if no pose was kept with the floor.
         """
         try:
-            found = None if pose is None else building_of_map(folder)
+            found = building_of_map(folder)
             sites = () if found is None else sites_of_building(found[0].hgraph)
         except WaychairError:
             return False  # `_floor_of` says so
-        if found is None or pose is None:
-            return False
-        return any(site.storey == found[1] and site.is_near(site.cabin.inverse() @ pose) for site in sites)
+        here = [site for site in sites if found is not None and site.storey == found[1]]
+        if pose is None:
+            return bool(here) and self._kept() is not None
+        return any(site.is_near(site.cabin.inverse() @ pose) for site in here)
 
     def take(self, folder: Path, *, certain: bool) -> Floor:
         """Note that this map is in use from now on, and tell all nodes."""

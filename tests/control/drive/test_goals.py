@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.control.drive.navigator_hall import NOTHING, drive, hall, navigator
+from tests.control.drive.navigator_hall import NOTHING, TICK_NS, drive, hall, navigator
 from waychair.control.drive.navigator import Stage
 from waychair.errors import GoalOutsideMap
 from waychair.planning.window.dwa import DwaResult
@@ -49,3 +49,13 @@ def test_a_goal_that_is_missed_each_time_is_given_up_with_the_distance_and_stays
     assert "m and 0 degrees from the goal and cannot stop more exactly" in states[-1].reason
     after = pilot.step(10**10, poses[-1], NOTHING)
     assert (after.stage, after.goals) == (Stage.FAILED, 0)
+
+
+def test_a_chair_that_stands_at_its_goal_has_arrived_only_once_the_rider_has_said_yes() -> None:
+    pilot, here = navigator(hall()), Pose2(9.0, 5.0, 1.0)
+    pilot.go(Goal("lift"))
+    for k in range(60):
+        state = pilot.step(k * TICK_NS, here, NOTHING, unconfirmed=True)
+        assert (state.stage, state.twist) == (Stage.DRIVING, Twist())
+    pilot.go(Goal("lift"))  # by the yes
+    assert pilot.step(60 * TICK_NS, here, NOTHING).stage is Stage.ARRIVED

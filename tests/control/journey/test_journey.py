@@ -26,7 +26,7 @@ from waychair.control.journey.journey import (
     go_on,
     step,
 )
-from waychair.control.journey.lift_site import LiftSite
+from waychair.control.journey.lift_site import LiftSite, pose_in_same_lift
 from waychair.types import Goal, Pose2, Scan
 
 LOBBY, CABIN, BED = Goal(Pose2(6.5, 3.5, 0.0)), Goal(Pose2(9.0, 3.5, math.pi)), Goal("bed")
@@ -367,3 +367,13 @@ def test_a_chair_is_shut_in_where_its_lifts_door_is_not_seen_open(
 ) -> None:
     pose = SITE.cabin @ Pose2(x, 0.0, faces)
     assert is_shut_in(scan_in_cabin(opening, faces), (SITE,), storey, pose, Pose2()) is shut
+
+
+def test_a_chair_in_a_lift_stands_in_the_same_way_in_its_cabin_on_another_storeys_map() -> None:
+    above = replace(SITE, storey="1", cabin=Pose2(2.0, 8.0, 0.5))
+    inside, sites = Pose2(0.2, -0.1, 0.3), (SITE, above)
+    found = pose_in_same_lift(sites, "g", SITE.cabin @ inside, "1")
+    assert found is not None
+    assert found.array() == pytest.approx((above.cabin @ inside).array())
+    assert pose_in_same_lift(sites, "g", SITE.cabin @ inside, "2") is None  # it does not stop there
+    assert pose_in_same_lift(sites, "g", Pose2(1.0, 1.0), "1") is None

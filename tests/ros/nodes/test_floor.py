@@ -18,7 +18,9 @@ from waychair.maps.folders.map_files import save_map
 from waychair.ros import topics
 from waychair.ros.messages.chair import read_drive_request, read_drive_state, read_places
 from waychair.ros.messages.floor import Floor, floor, read_floor
-from waychair.runtime.last_pose import remember_pose
+from waychair.ros.messages.motion import pose as pose_message
+from waychair.ros.messages.wire import native
+from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.types import OccupancyGrid, Place, Pose2
 
 if TYPE_CHECKING:
@@ -76,6 +78,11 @@ def test_another_map_brings_its_places_to_the_navigator_and_both_tell_its_revisi
         assert second.revision > first.revision
         ros.spin_until(lambda: read_drive_request(requests[-1]).floor_revision == second.revision, "the other revision")
 
+        placed = {"placed": True, "map_from_base": native(pose_message(Pose2(1.0, 0.5, 0.0)))}
+        answer = call(ros, "waychair_msgs/srv/SetFloor", "set_floor", map_url=str(attic), certain=True, **placed)
+        assert answer.success
+        assert remembered_pose(kept, attic) == Pose2(1.0, 0.5, 0.0)  # at once, before any scan
+
         answer = call(ros, "waychair_msgs/srv/SetFloor", "set_floor", map_url="", certain=False)
         assert answer.success
         ros.spin_until(lambda: not read_floor(floors[-1]).certain, "the doubt")
@@ -102,10 +109,10 @@ def test_a_mapper_that_was_killed_in_a_lift_stays_uncertain_and_keeps_its_storey
 
 
 @pytest.mark.parametrize(
-    ("pose", "certain"), [((4.0, -2.4, 1.5), False), ((4.0, -1.2, 1.5), False), ((9.0, 3.0, 0.0), True)]
+    ("pose", "certain"), [((4.0, -2.4, 1.5), False), ((4.0, -1.2, 1.5), False), ((9.0, 3.0, 0.0), True), (None, False)]
 )
 def test_a_mapper_that_was_killed_in_a_cabin_is_uncertain_whatever_the_journey_was_doing(
-    ros: Harness, tmp_path: Path, pose: tuple[float, float, float], certain: bool
+    ros: Harness, tmp_path: Path, pose: tuple[float, float, float] | None, certain: bool
 ) -> None:
     from waychair.ros.nodes.mapper_node import MapperNode
 
@@ -115,7 +122,8 @@ def test_a_mapper_that_was_killed_in_a_cabin_is_uncertain_whatever_the_journey_w
         building = save_with_map(building, each, tmp_path / "map")
     ground, kept = tmp_path / "clinic" / "maps" / "g", tmp_path / "pose.json"
     kept.with_suffix(".floor.json").write_text(json.dumps({"map": str(ground), "certain": True}))
-    remember_pose(kept, ground, Pose2(*pose))
+    if pose is not None:
+        remember_pose(kept, ground, Pose2(*pose))
     floors = ros.heard(topics.FLOOR)
     with ros.serving(MapperNode(["--ros-args", "-p", f"map_folder:={ground}", "-p", f"pose_file:={kept}"])):
         ros.spin_until(lambda: floors, "the floor")
