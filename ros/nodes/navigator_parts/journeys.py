@@ -160,6 +160,10 @@ class Journeys:
             return
         state = journey.traveller.step(journey.chair.stamp_ns, messages)
         self._tell(journey, state)
+        floor = self._driver.now().floor
+        if not (journey.traveller.aboard or journey.chair.changes_floor or floor is None or floor.certain):
+            self._end("the storey is not certain any more: say which one it is, then ask for the goal again")
+            return
         if state.journey is not None and state.journey.ended:
             arrived = state.journey.phase is JourneyPhase.ARRIVED
             self._end("the chair has arrived" if arrived else state.journey.why, arrived=arrived)

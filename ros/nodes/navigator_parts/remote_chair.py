@@ -105,6 +105,11 @@ class RemoteChair:
         return self._failed
 
     @property
+    def changes_floor(self) -> bool:
+        """Whether the floor is not yet as this chair has asked for."""
+        return self._wanted is not None
+
+    @property
     def stamp_ns(self) -> int:
         """The chair's time."""
         return self._driver.now().stamp_ns

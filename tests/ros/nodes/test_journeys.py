@@ -210,6 +210,18 @@ def test_a_journey_to_another_storey_begins_by_one_yes_and_calls_the_lift(site: 
     assert not site.journeys.active
 
 
+def test_a_journey_ends_once_the_mapper_doubts_the_storey_outside_of_a_ride(site: Site) -> None:
+    site.ask(StoreyGoal("First/Ward/Bed 1"), lambda: site.told and site.report.phase == "asked", "the plan")
+    site.driver.drives = True
+    site.until(lambda: site.report.phase == "drive", "the yes")
+    site.driver.certain = False
+    site.until(lambda: site.report.phase == "failed", "the end")
+    assert (
+        site.report.sentence == "the storey is not certain any more: say which one it is, then ask for the goal again"
+    )
+    assert not site.driver.drives
+
+
 def test_what_cannot_be_travelled_to_is_refused_with_a_sentence(site: Site) -> None:
     for goal, certain, why in (
         (StoreyGoal("Bed 1", "Attic"), True, "there is no storey 'Attic': take one of Ground, First"),
