@@ -48,6 +48,9 @@ from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, Pr
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
 
+BEGINS_WITHIN_S = 10.0
+"""s; a drive of a journey that cannot begin for so long, for whatever reason, holds the journey."""
+
 FREE_MARGIN = 0.25
 """m; a cabin is free if the chair can turn in it with this margin: a person's body reaches 0.2 m beyond the legs that the lidar
 sees (`personal_space`), and the chair plans a turn with 5 cm."""
@@ -89,6 +92,7 @@ class _Heard:
     air's pressure.
 
     `shut_in`: without a journey, the chair is in a lift whose door is not seen open; `uncertain`: so is the storey since.
+    `unready`: the drive that is wanted and cannot begin, by its key, and since when.
     """
 
     scan: Scan | None = None
@@ -98,6 +102,7 @@ class _Heard:
     pressure: PressureClimb = field(default_factory=PressureClimb)
     shut_in: bool = False
     uncertain: bool = False
+    unready: tuple[tuple[int, int] | None, int] = None, 0
 
 
 @dataclass(slots=True)
@@ -429,7 +434,7 @@ class Traveller:
         if drive is DriveProgress.UNDER_WAY and (not wanted or order.key != key):
             self._chair.cancel()
             self._drive = None, DriveProgress.NONE, ""
-        elif wanted and order.key != key and self._chair.ready and not self._chair.waits:
+        elif wanted and order.key != key and not self._chair.waits and self._is_ready(order.key, state):
             assert order.goal is not None
             waiting = tuple(site.waiting for (_, storey), site in self._sites.items() if storey == self.storey)
             self._chair.go(replace(order.goal, waiting=waiting))
@@ -444,6 +449,17 @@ class Traveller:
         elif order.switch is not None and site is not None:  # the same storey again: only its place is uncertain
             self._chair.relocalise(self._site_pose(site, journey, state))
             self._doubt(certain=True)
+
+    def _is_ready(self, key: tuple[int, int] | None, state: ChairState) -> bool:
+        """Return whether a drive can begin; one that cannot for a while has ended before it began, which holds the journey."""
+        before, since_ns = self._heard.unready
+        since_ns = since_ns if before == key else state.stamp_ns
+        if self._chair.ready:
+            return True
+        self._heard.unready = key, since_ns
+        if (state.stamp_ns - since_ns) * 1e-9 > BEGINS_WITHIN_S:
+            self._drive = key, DriveProgress.ENDED, state.verdict.reason or "the chair cannot drive now"
+        return False
 
     def _press(self, lift: str, storey: str | None, now_ns: int) -> None:
         before = self._pressed

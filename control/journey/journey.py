@@ -49,8 +49,10 @@ CROWDED_S = 10.0
 MAKES_WAY_S = 5.0
 """s; a chair that rests so long before somebody in the cabin backs out, so that the lift can go."""
 
-GONE_S = 12.0
-"""s; a lift that was let go has this long to close its door and leave."""
+GONE_S, LEFT_S = 12.0, 3.0
+"""s; a lift that was let go has the first to close its door and leave; one that has been closed for the second has left. A button
+that is pressed earlier opens it again, with everybody in it.
+"""
 
 COMES_WITHIN_S, RIDES_WITHIN_S, ENTERS_WITHIN_S, LOCALISES_WITHIN_S = 240.0, 240.0, 60.0, 10.0
 """s; longest times of the phases."""
@@ -214,8 +216,9 @@ def _drive(journey: Journey, view: JourneyView) -> Journey:
 
 
 def _call(journey: Journey, view: JourneyView) -> Journey:
-    if journey.crowded_ns is not None:  # let go: its door must close first
-        gone = view.door.door is Door.CLOSED or (view.now_ns - journey.crowded_ns) * 1e-9 > GONE_S
+    if journey.crowded_ns is not None:  # let go: it must leave first
+        left = view.door.door is Door.CLOSED and view.door.still_s(view.now_ns) >= LEFT_S
+        gone = left or (view.now_ns - journey.crowded_ns) * 1e-9 > GONE_S
         return replace(journey, crowded_ns=None if gone else journey.crowded_ns)
     if view.door.door is Door.OPEN:
         return _to(journey, JourneyPhase.WAIT, view.now_ns, tries=journey.tries)

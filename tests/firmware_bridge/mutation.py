@@ -30,8 +30,8 @@ from tests.firmware_bridge.glove import rig as glove_rig
 from tests.firmware_bridge.rig import SOURCES, TRAP
 from waychair.firmware_bridge.board import FIRMWARE
 
-LONGEST_S = 40
-"""A mutant that takes more of the processor's time hangs, which is noticed too."""
+LONGEST_S, WAITED_S = 40, 300
+"""s; a mutant that takes more of the processor's time, or more by the clock, hangs, which is noticed too."""
 
 SWAPS = (
     (r"(?<![<-])<(?![<=])", "<="),
@@ -204,6 +204,7 @@ def _passes(library: Path, target: Target) -> bool:
     child = os.fork()
     if child == 0:
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)  # not by the clock: other programs may run beside it
+        signal.alarm(WAITED_S)  # but a forked process that waits for a lock uses no processor
         faulthandler.disable()  # a crash is an answer, and needs no report
         passed = False
         try:

@@ -12,8 +12,10 @@ from tests.maps.building.buildings import two_storeys
 from tests.maps.building.test_lift_cabins import with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.journey.building_legs import sites_of_building, stops_without_map
-from waychair.runtime.journeys import StoreyMap, Traveller
-from waychair.types import OccupancyGrid, Pose2, Scan
+from waychair.control.journey.journey import JourneyPhase, Leg
+from waychair.runtime.chair import ChairSettings
+from waychair.runtime.journeys import BEGINS_WITHIN_S, StoreyMap, Traveller
+from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2, Scan
 
 
 class Chair:
@@ -22,6 +24,8 @@ class Chair:
     def __init__(self) -> None:
         self.told: list[Any] = []
         self.halts: list[str] = []
+        self.ready, self.waits = False, False
+        self.settings, self.odom_from_base = ChairSettings(), Pose2()
         self.pose = Pose2(3.0, 0.0)
 
     def prepared_storey(self, grid: OccupancyGrid, *_: Any) -> OccupancyGrid:
@@ -38,7 +42,22 @@ class Chair:
 
     def step(self, now_ns: int, messages: Any, halts: Any = ()) -> Any:
         self.halts = [each.stop.id for each in halts]
-        return SimpleNamespace(stamp_ns=now_ns, map_from_base=self.pose)
+        still, stage = (
+            SimpleNamespace(v=0.0, omega=0.0),
+            SimpleNamespace(stage=SimpleNamespace(value="idle"), reason=""),
+        )
+        verdict = SimpleNamespace(
+            mode=DriveMode.MANUAL, reason="the board is silent", steered=False, computer_drives=False
+        )
+        return SimpleNamespace(
+            stamp_ns=now_ns,
+            map_from_base=self.pose,
+            twist=still,
+            localisation=None,
+            telemetry=None,
+            verdict=verdict,
+            navigation=stage,
+        )
 
 
 def floor_of(value: int) -> OccupancyGrid:
@@ -105,3 +124,16 @@ def test_a_chair_in_a_lift_without_a_journey_doubts_its_storey_once_the_door_is_
     assert traveller.start_at("g", chair.pose)
     assert not tick()
     assert chair.halts == []
+
+
+def test_a_journey_whose_drive_cannot_begin_is_held_after_a_while_with_the_reason(
+    chair: Chair, traveller: Traveller
+) -> None:
+    traveller.go((Leg("g", Goal(Pose2(5.0, 0.0))),), 0)
+    phases = []
+    for tenth in range(120):
+        state = traveller.step(tenth * 100_000_000, ())
+        assert state.journey is not None
+        phases.append(state.journey.phase)
+    assert phases.index(JourneyPhase.HELD) == pytest.approx(10 * BEGINS_WITHIN_S, abs=3)
+    assert state.order.sentence == "the board is silent; press Go on to continue"

@@ -166,6 +166,10 @@ def test_a_full_lift_is_let_go_and_called_again() -> None:
     assert journey.phase is JourneyPhase.CALL
     journey, order = step(journey, view(door=OPEN))
     assert (journey.phase, order.call, order.hold) == (JourneyPhase.CALL, None, False)
+    journey, order = step(
+        journey, view(door=door(Door.CLOSED, 1.0))
+    )  # a button would open it again, and nobody could ride
+    assert order.call is None
     journey, order = step(journey, view(door=CLOSED))
     assert order.call == "g"
 

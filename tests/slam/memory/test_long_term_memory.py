@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import resource
 import signal
 import sqlite3
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -198,26 +198,29 @@ def test_a_killed_process_loses_at_most_the_last_node(tmp_path: Path) -> None:
 
 
 def killed_after(path: Path, seconds: float) -> list[int]:
-    read, tell = os.pipe()
-    child = multiprocessing.get_context("fork").Process(target=map_for_ever, args=(path, tell))
+    """Return the numbers of the nodes that a process had added when it was killed; it forks from one without threads."""
+    children = multiprocessing.get_context("forkserver")
+    children.set_forkserver_preload([__name__])
+    heard, tell = children.Pipe(duplex=False)
+    child = children.Process(target=map_for_ever, args=(path, tell))
     child.start()
-    os.close(tell)
-    assert child.pid is not None
-    with os.fdopen(read, "rb") as pipe:
-        first = pipe.readline()  # at least one is added
-        time.sleep(seconds)
-        os.kill(child.pid, signal.SIGKILL)
-        said = first + pipe.read()
+    tell.close()
+    added = [heard.recv()]  # at least one
+    time.sleep(seconds)
+    child.kill()
+    with contextlib.suppress(EOFError, OSError):  # of a message that was cut off, too
+        while True:
+            added.append(heard.recv())
     child.join()
-    return [int(line) for line in said.decode().split("\n")[:-1]]
+    return added
 
 
-def map_for_ever(path: Path, tell: int) -> None:
+def map_for_ever(path: Path, tell: Connection) -> None:
     memory = NodeMemory(BOUNDED, LongTermStore(path))
     while True:
         number = memory.skeleton.count
         memory.add(view(number), SURE)
-        os.write(tell, f"{number}\n".encode())
+        tell.send(number)
         memory.transfer()
 
 
