@@ -91,9 +91,7 @@ from waychair.types import ChairStatus, Goal, JoystickInput, Odometry, Pose2, Tw
 _OPENING_S = 0.02  # longest time that a tick waits for opening the cable
 _AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is coarse
 _TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
-_LATE_NS = (
-    65_000_000  # the navigator's requests come every 50 ms or a little later; each is answered by one tick, no more
-)
+_LATE_NS = 65_000_000  # requests come every 50 ms, or a little later; each is answered by one tick, no more
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
 

@@ -394,11 +394,8 @@ class Journeys:
         chair = RemoteChair(self._node, self._driver, {storey: str(folder.resolve())})
         chair.change_storey(storey, None, pose)
         self._node.executor.create_task(chair.close)
-        looks = (
-            f"localises itself at {place}"
-            if place
-            else "looks for its place there"
-            if pose is None
-            else "knows its place"
-        )
+        if place:
+            looks = f"localises itself at {place}"
+        else:
+            looks = "looks for its place there" if pose is None else "knows its place"
         return f"the chair takes the map of {storey}, and {looks}"
