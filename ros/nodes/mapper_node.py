@@ -188,7 +188,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
-        self._localisation = self._saved_pose = None  # these belong to another map
+        self._localisation, self._saved_pose = None, start  # the ones before belong to another map
         if start is not None:
             self._keep_pose(start)  # before the floor: a mapper that is killed now begins again where the chair is
         self._floor.take(folder, certain=certain)
@@ -293,11 +293,13 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self._localise(self._waiting.popleft())
 
     def _restart_localiser(self) -> None:
-        """Restart the localiser at the last pose, because the odometry restarted."""
-        if self._localiser is None or self._localisation is None or self._localisation[1].lost:
+        """Restart the localiser at the last pose, because the odometry restarted; on a map just taken, at its first one."""
+        found = None if self._localisation is None else self._localisation[1]
+        pose = self._saved_pose if found is None else None if found.lost else found.map_from_base
+        if self._localiser is None or pose is None:
             return
         self.get_logger().warning("the odometry restarted: localisation restarts at the last pose")
-        self._localiser.restart(self._localisation[1].map_from_base)
+        self._localiser.restart(pose)
 
     def _localise(self, raw: Scan) -> None:
         odom_from_base = self._track.odom_from_base(raw.stamp_ns)

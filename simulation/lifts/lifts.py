@@ -23,6 +23,7 @@ from waychair.errors import WorldError
 from waychair.simulation.lifts.car import Car, DoorKind, LeafObstruction, LiftFault
 from waychair.simulation.lifts.lift_doors import LiftDoor, door_of
 from waychair.simulation.lifts.passengers import (
+    PASSES_S,
     PAUSE_S,
     RADIUS,
     SPOT_AHEAD,
@@ -331,7 +332,10 @@ class Lifts:
             car.call(who.wants, self._now_ns)
 
     def _leave(self, who: Passenger, known: CallableLift, car: Car) -> None:
-        if who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop])):
+        there = who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop]))
+        if who.speed > 0.0 or len(who.way) > 1:
+            who.until_ns = self._now_ns + round(PASSES_S * 1e9)
+        if there or self._now_ns >= who.until_ns:
             pause = self._rng.uniform(*PAUSE_S)
             who.doing, who.until_ns = Doing.AWAY, self._now_ns + round(pause * 1e9)
             who.lift = int(self._rng.integers(len(self.lifts)))

@@ -21,6 +21,9 @@ SPOT_AHEAD, SPOT_ASIDE = 1.2, 1.1
 GAP = 0.25
 """m; a passenger stops so far before the chair or another passenger."""
 
+PASSES_S = 3.0
+"""s; a passenger who has left the doorway and whose way is taken finds another way past after this time, and is gone."""
+
 PAUSE_S = (15.0, 60.0)
 """s; least and longest time from leaving one lift to calling another."""
 

@@ -278,12 +278,15 @@ class OdometryFilter:
         if wheels is not None and gyro is not None and self._feels:
             slip = self._slip_detector.slip_speed(forward(wheels) / seconds, seconds)
         motion = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
+        pose = self._filter.x[POSE].copy()
         self._move(predict_step(self._filter.x, seconds, motion, gyro, self.settings))
         if wheels is not None:
             self._update_standstill(wheels, seconds)
             if slip is not None or (gyro is not None and not self._update_turn(wheels, seconds)):
                 self._slipped_ns = end_ns
                 self._inflate_for_slip(wheels, slip, seconds)
+            if self._still_s >= _STILL_S:
+                self._filter.x[POSE] = pose
         self._now_ns, self._gyro.rate_before = end_ns, self._gyro.rate
         self._copy_state()
 
@@ -317,8 +320,20 @@ class OdometryFilter:
         self.innovation = off / math.sqrt(row @ self._filter.P @ row + variance)
         if abs(self.innovation) > _SLIP_GATE:
             return False
-        self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
+        if self._still_s >= _STILL_S:
+            self._update_at_rest(row, off, variance)
+        else:
+            self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
         return True
+
+    def _update_at_rest(self, row: FloatArray, off: float, variance: float) -> None:
+        """Update all but the pose (Schmidt-Kalman): what a rest tells of the gyro's bias must not move a chair that stands."""
+        p = self._filter.P
+        gain = p @ row / (row @ p @ row + variance)
+        gain[POSE] = 0.0
+        rest = np.eye(SIZE) - np.outer(gain, row)
+        self._filter.x = self._filter.x + gain * off
+        self._filter.P = rest @ p @ rest.T + variance * np.outer(gain, gain)  # Joseph's form holds for any gain
 
     def _inflate_for_slip(self, wheels: Pose2, slip: float | None, seconds: float) -> None:
         """Increase the position's variance for slipping wheels: the errors of a slip are correlated and add up linearly."""

@@ -6,7 +6,6 @@ again. `JOURNEY_KILLS` takes a sample.
 
 from __future__ import annotations
 
-import math
 import os
 import random
 import signal
@@ -67,13 +66,13 @@ _IDLE = ("", "refused", JourneyPhase.FAILED, JourneyPhase.ARRIVED)
 @dataclass(frozen=True, slots=True)
 class JourneyKill:
     """A kill: the node, the phase told then, the time until the computer had let go of the lines [ms], 0 if it held none; the
-    time until the next drive [s]; and whether a drive that the kill had ended went on before the rider did anything.
+    time until the next drive [s], None if there was none; and whether a drive that the kill had ended went on by itself.
     """
 
     node: str
     phase: str
     rested_ms: float
-    next_s: float
+    next_s: float | None
     resumed: bool
 
 
@@ -193,7 +192,7 @@ class Rider:
             return self.kill(node)
         except AssertionError as stuck:
             print(stuck, flush=True)
-            return JourneyKill(node, self.phase, 0.0, math.inf, False)
+            return JourneyKill(node, self.phase, 0.0, None, False)
 
     def kill(self, node: str) -> JourneyKill:
         """Kill a node; while it comes back, somebody may call the car to the other storey."""
@@ -247,15 +246,15 @@ def journeys_killed(out: Path) -> Json:
                     kills.append(rider.next_kill(len(kills)))
                     print(f"  {kills[-1]}", flush=True)
                     write_json(out.with_suffix("") / "kills.json", {"kills": [asdict(each) for each in kills]})
-                    if math.isinf(kills[-1].next_s):
+                    if kills[-1].next_s is None:
                         break  # another chair takes the next ones
     return _summary(kills, seen)
 
 
 def _summary(kills: list[JourneyKill], seen: list[_Seen]) -> Json:
     rested = np.array([each.rested_ms for each in kills])
-    next_s = np.array([each.next_s for each in kills])
-    resumed, stuck = sum(each.resumed for each in kills), int(np.isinf(next_s).sum())
+    next_s = [each.next_s for each in kills if each.next_s is not None]
+    resumed, stuck = sum(each.resumed for each in kills), len(kills) - len(next_s)
     wrong, contacts = sum(each.wrong_ticks for each in seen), sum(each.contacts for each in seen)
     return {
         "passed": bool((rested <= RESTED_MS).all()) and not (resumed or wrong or contacts or stuck),
@@ -268,5 +267,5 @@ def _summary(kills: list[JourneyKill], seen: list[_Seen]) -> Json:
         "drives_on_a_wrong_map": wrong,
         "contacts": contacts,
         "stuck": stuck,
-        "next_drive_median_s": round(float(np.median(next_s)), 1),
+        "next_drive_median_s": round(float(np.median(next_s)), 1) if next_s else None,
     }

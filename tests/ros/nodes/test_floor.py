@@ -51,7 +51,7 @@ def call(ros: Harness, kind: str, name: str, **request: Any) -> Any:
 
 
 def test_another_map_brings_its_places_to_the_navigator_and_both_tell_its_revision(
-    ros: Harness, tmp_path: Path
+    ros: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from waychair.ros.nodes.mapper_node import MapperNode
 
@@ -82,6 +82,10 @@ def test_another_map_brings_its_places_to_the_navigator_and_both_tell_its_revisi
         answer = call(ros, "waychair_msgs/srv/SetFloor", "set_floor", map_url=str(attic), certain=True, **placed)
         assert answer.success
         assert remembered_pose(kept, attic) == Pose2(1.0, 0.5, 0.0)  # at once, before any scan
+        restarts: list[Pose2] = []
+        monkeypatch.setattr(mapper._localiser, "restart", restarts.append)
+        mapper._restart_localiser()  # as after a bridge was killed now
+        assert restarts == [Pose2(1.0, 0.5, 0.0)]
 
         answer = call(ros, "waychair_msgs/srv/SetFloor", "set_floor", map_url="", certain=False)
         assert answer.success

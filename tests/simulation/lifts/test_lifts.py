@@ -11,6 +11,7 @@ from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.errors import WorldError
 from waychair.simulation.lifts.car import DoorKind
 from waychair.simulation.lifts.lifts import Lifts
+from waychair.simulation.lifts.passengers import PASSES_S, SPOT_AHEAD, SPOT_ASIDE, Doing
 from waychair.simulation.plan.world import World, load_levels
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
@@ -183,3 +184,16 @@ def test_passengers_let_others_out_before_they_enter_so_that_no_doorway_is_block
         lifts.step(k * 1_000_000_000)
         came += lifts.view("A").level == "0" and lifts.view("A").opened == 1.0
     assert came
+
+
+def test_a_passenger_whose_way_out_is_taken_is_past_after_a_while(levels: tuple[World, ...]) -> None:
+    lifts = Lifts(levels, passengers=1)
+    who, known = lifts._passengers[0], next(iter(lifts.lifts.values()))
+    door = known.doors[known.stops[0]].middle
+    begin, spot = door @ Pose2(0.6, 0.0), door @ Pose2(SPOT_AHEAD, SPOT_ASIDE)
+    who.lift, who.stop, who.doing, who.x, who.y, who.way = 0, 0, Doing.LEAVES, begin.x, begin.y, [(spot.x, spot.y)]
+    lifts.note_chair("chair", known.stops[0], Pose2(spot.x, spot.y, door.theta), CHAIR_A)
+    lifts.step(round(2.0 * 1e9))
+    assert who.here
+    lifts.step(round((2.0 + PASSES_S) * 1e9))
+    assert not who.here

@@ -392,3 +392,20 @@ def test_the_twist_of_wheels_alone_is_that_of_the_last_step() -> None:
     twist = odometry.update_wheels(counts(2 * WHEELS_NS, 0.03, 0.01)).twist
     assert twist.v == pytest.approx(0.5, abs=0.02)
     assert twist.omega == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_chair_that_stands_keeps_its_pose_however_far_it_has_driven_and_learns_the_gyros_bias() -> None:
+    rng = np.random.default_rng(4)
+    speeds = np.zeros((4500, 2))
+    speeds[100:1500] = np.column_stack([np.full(1400, 0.5), 0.4 * np.sin(np.arange(1400) / 60)])
+    odometry, poses = OdometryFilter(CHAIR_A), []
+    for reading, _ in driven(speeds, Faults(bias=0.003), rng):
+        if isinstance(reading, ImuSample):
+            odometry.update_imu(reading)
+        else:
+            poses.append(odometry.update_wheels(reading).odom_from_base)
+    rest = [poses[1550].inverse() @ pose for pose in poses[1550:]]
+    assert max(math.hypot(pose.x, pose.y) for pose in rest) < 1e-3
+    assert max(abs(pose.theta) for pose in rest) < 5e-4
+    bias, deviation = odometry.gyro_bias
+    assert abs(bias - 0.003) < 3 * deviation + 1e-4
