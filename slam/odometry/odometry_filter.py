@@ -241,6 +241,11 @@ class OdometryFilter:
         return Odometry(stamp_ns, nearest.odom_from_base @ ahead, nearest.twist, nearest.covariance)
 
     @property
+    def _stands(self) -> bool:
+        """Whether the wheels have been at rest for a while."""
+        return self._still_s >= _STILL_S
+
+    @property
     def _state_ns(self) -> int:
         assert self._now_ns is not None
         return self._now_ns
@@ -278,15 +283,12 @@ class OdometryFilter:
         if wheels is not None and gyro is not None and self._feels:
             slip = self._slip_detector.slip_speed(forward(wheels) / seconds, seconds)
         motion = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
-        pose = self._filter.x[POSE].copy()
-        self._move(predict_step(self._filter.x, seconds, motion, gyro, self.settings))
         if wheels is not None:
             self._update_standstill(wheels, seconds)
-            if slip is not None or (gyro is not None and not self._update_turn(wheels, seconds)):
-                self._slipped_ns = end_ns
-                self._inflate_for_slip(wheels, slip, seconds)
-            if self._still_s >= _STILL_S:
-                self._filter.x[POSE] = pose
+        self._move(predict_step(self._filter.x, seconds, motion, gyro, self.settings))
+        if wheels is not None and (slip is not None or (gyro is not None and not self._update_turn(wheels, seconds))):
+            self._slipped_ns = end_ns
+            self._inflate_for_slip(wheels, slip, seconds)
         self._now_ns, self._gyro.rate_before = end_ns, self._gyro.rate
         self._copy_state()
 
@@ -314,13 +316,13 @@ class OdometryFilter:
         s = self.settings
         expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
         variance += (s.stamp_error * (self._gyro.rate - self._gyro.rate_before)) ** 2
-        if self._still_s >= _STILL_S:
+        if self._stands:
             variance = (_STILL_TURN * seconds) ** 2
         off = wheels.theta - expected
         self.innovation = off / math.sqrt(row @ self._filter.P @ row + variance)
         if abs(self.innovation) > _SLIP_GATE:
             return False
-        if self._still_s >= _STILL_S:
+        if self._stands:
             self._update_at_rest(row, off, variance)
         else:
             self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
@@ -342,6 +344,11 @@ class OdometryFilter:
         self._filter.P[[0, 1], [0, 1]] += (_SLIP_SHARE * wrong) ** 2 * grip_steps
 
     def _move(self, step: OdometryStep) -> None:
+        """Predict the state; the pose of a chair that stands stays, with its covariance."""
+        if self._stands:
+            step.state[POSE] = self._filter.x[POSE]
+            step.jacobian[POSE] = np.eye(SIZE)[POSE]
+            step.noise[POSE] = step.noise[:, POSE] = 0.0
         self._filter.F, self._filter.Q = step.jacobian, step.noise
         self._filter.predict()
         self._filter.x = step.state
