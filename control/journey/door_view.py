@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waychair.control.journey.lift_site import LiftSite
+from waychair.control.journey.lift_site import LiftSite, lift_holding
 from waychair.types import BoolArray, FloatArray, Pose2, Scan
 
 PARTS = 24
@@ -90,12 +90,11 @@ def is_shut_in(
     scan: Scan, sites: Iterable[LiftSite], storey: str, map_from_base: Pose2, base_from_laser: Pose2
 ) -> bool:
     """Return whether a chair is in a lift whose door is closed, or not seen: the car may go elsewhere."""
-    for site in sites:
-        cabin_from_base = site.cabin.inverse() @ map_from_base
-        if site.storey == storey and site.holds(cabin_from_base):
-            door = seen_door(DoorView(), scan, cabin_from_base @ base_from_laser, site).door
-            return door in (Door.CLOSED, Door.UNSEEN)
-    return False
+    held = lift_holding(sites, storey, map_from_base)
+    if held is None:
+        return False
+    site, cabin_from_base = held
+    return seen_door(DoorView(), scan, cabin_from_base @ base_from_laser, site).door in (Door.CLOSED, Door.UNSEEN)
 
 
 def _parts(scan: Scan, door_from_laser: Pose2, width: float) -> tuple[BoolArray, BoolArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from waychair.calibration.chair_body import ChairBody
@@ -66,15 +66,22 @@ class LiftSite:
         return abs(cabin_from_base.x) <= self.length / 2 and abs(cabin_from_base.y) <= self.width / 2
 
 
-def pose_in_same_lift(sites: Sequence[LiftSite], storey: str, map_from_base: Pose2, other: str) -> Pose2 | None:
-    """Return the pose on another storey's map of a chair in a lift that stops there; None if it is in none."""
+def lift_holding(sites: Iterable[LiftSite], storey: str, map_from_base: Pose2) -> tuple[LiftSite, Pose2] | None:
+    """Return the lift in which a chair is, by its pose on a storey's map, with cabin_from_base; None if it is in none."""
     for site in sites:
         cabin_from_base = site.cabin.inverse() @ map_from_base
         if site.storey == storey and site.holds(cabin_from_base):
-            there = (each.cabin for each in sites if (each.lift, each.storey) == (site.lift, other))
-            cabin = next(there, None)
-            return None if cabin is None else cabin @ cabin_from_base
+            return site, cabin_from_base
     return None
+
+
+def pose_in_same_lift(sites: Sequence[LiftSite], storey: str, map_from_base: Pose2, other: str) -> Pose2 | None:
+    """Return the pose on another storey's map of a chair in a lift that stops there; None if it is in none."""
+    held = lift_holding(sites, storey, map_from_base)
+    if held is None:
+        return None
+    lift, cabin_from_base = held[0].lift, held[1]
+    return next((each.cabin @ cabin_from_base for each in sites if (each.lift, each.storey) == (lift, other)), None)
 
 
 def stand_in(site: LiftSite, body: ChairBody) -> Pose2:

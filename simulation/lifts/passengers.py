@@ -22,7 +22,7 @@ GAP = 0.25
 """m; a passenger stops so far before the chair or another passenger."""
 
 PASSES_S = 3.0
-"""s; a passenger who has left the doorway and whose way is taken finds another way past after this time, and is gone."""
+"""s; a passenger whose way is taken outside the doorway waits for so long, then goes another way and is gone."""
 
 PAUSE_S = (15.0, 60.0)
 """s; least and longest time from leaving one lift to calling another."""

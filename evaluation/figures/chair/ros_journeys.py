@@ -6,6 +6,7 @@ again. `JOURNEY_KILLS` takes a sample.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import signal
@@ -139,7 +140,7 @@ class Rider:
         if time.monotonic() - self._acted_s < _AGAIN_S or floor is None or state is None or not seen.level:
             return
         self._acted_s = time.monotonic()
-        try:
+        with contextlib.suppress(RosError):  # the node that would answer is not back yet
             if state.waits:
                 self._stack.client.confirm(5.0, goal_id=state.goal_id)
             elif told is not None and told.asks and told.phase not in _IDLE:
@@ -149,19 +150,16 @@ class Rider:
                 self._stack.client.go_on(5.0)
             elif told is None or told.phase in _IDLE:
                 self._set_off(floor.certain)
-        except RosError:
-            pass  # the node that would answer is not back yet
 
     def _set_off(self, certain: bool) -> None:
         """Ask for the goal of the storey on which the chair is not; a lift's door is opened, and its storey said, before."""
         self._reset()
+        self._open()
         if not certain:
-            self._open()
             self._stack.client.say_storey(self.seen.level)
             return
         if self._wanted == self.seen.level and self.phase == JourneyPhase.ARRIVED:
             self._wanted = next(each for each in self._names if each != self.seen.level)
-        self._open()
         self._stack.client.travel_to(self._names[self._wanted])
 
     def _reset(self) -> None:
