@@ -234,12 +234,18 @@ class Lifts:
                 if chair.level == here and known.cabins[here].holds(chair.pose):
                     chair.level, chair.rides, chair.pose = there, name, known.carried(chair.pose, here, there)
             for who in self._passengers:
-                if who.doing is Doing.RIDES and self._name_of(who) == name:
+                if self._name_of(who) == name and self._is_aboard(who, known, here):
                     pose = known.carried(Pose2(who.x, who.y, who.heading), here, there)
-                    who.x, who.y, who.heading = pose.x, pose.y, pose.theta
+                    who.x, who.y, who.heading, who.doing, who.way = pose.x, pose.y, pose.theta, Doing.RIDES, []
         elif car.ride is None:
             for chair in self._chairs.values():
                 chair.rides = "" if chair.rides == name else chair.rides
+
+    def _is_aboard(self, who: Passenger, known: CallableLift, level: str) -> bool:
+        """Return whether a passenger is in the cabin at a level: also one that had not reached its place, or not got out."""
+        if not who.here or who.doing is Doing.RIDES:
+            return who.here
+        return known.stops[who.stop] == level and known.cabins[level].holds(Pose2(who.x, who.y))
 
     def _obstruction(self, known: CallableLift, level: str, car: Car) -> LeafObstruction:
         """Return what is in the way of the leaves' next step, and note the chairs that they press on."""
@@ -332,7 +338,7 @@ class Lifts:
             car.call(who.wants, self._now_ns)
 
     def _leave(self, who: Passenger, known: CallableLift, car: Car) -> None:
-        there = who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop]))
+        there = who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop], behind=False))
         if who.speed > 0.0 or len(who.way) > 1:
             who.until_ns = self._now_ns + round(PASSES_S * 1e9)
         if there or self._now_ns >= who.until_ns:
@@ -365,14 +371,18 @@ class Lifts:
         crowd = self._others(who, known.stops[who.stop], waiting=False)
         return bool(len(crowd) and (np.hypot(crowd[:, 0] - door.x, crowd[:, 1] - door.y) < 1.9).any())
 
-    def _others(self, who: Passenger, level: str, waiting: bool = True) -> FloatArray:
-        """Return chairs and other passengers on a level as circles (N, 3) x, y, radius [m, map]."""
+    def _others(self, who: Passenger, level: str, waiting: bool = True, behind: bool = True) -> FloatArray:
+        """Return chairs and other passengers on a level as circles (N, 3) x, y, radius [m, map].
+
+        Without those `behind`: they leave the same lift and have farther to go, so that of two one always goes first.
+        """
         found = [
             (each.x, each.y, RADIUS)
             for each in self._passengers
             if each is not who
             and each.here
             and (waiting or each.doing is Doing.LEAVES)
+            and (behind or not each.is_behind(who))
             and self._level_of(each) == level
         ]
         for chair in self._chairs.values():

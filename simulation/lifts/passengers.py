@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -60,6 +61,17 @@ class Passenger:
     def here(self) -> bool:
         """Whether it is anywhere at all."""
         return self.doing is not Doing.AWAY
+
+    def is_behind(self, other: Passenger) -> bool:
+        """Return whether it leaves the same lift at the same stop after another, as it has farther to go."""
+        if (self.doing, self.lift, self.stop) != (Doing.LEAVES, other.lift, other.stop):
+            return False
+        return (self._left(), self.seed) > (other._left(), other.seed)
+
+    def _left(self) -> float:
+        """Return how far [m] it has to go."""
+        points = [(self.x, self.y), *self.way]
+        return sum(math.dist(a, b) for a, b in itertools.pairwise(points))
 
     def state(self) -> PersonState:
         """Return it for the sensors."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -11,7 +12,15 @@ from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.errors import WorldError
 from waychair.simulation.lifts.car import DoorKind
 from waychair.simulation.lifts.lifts import Lifts
-from waychair.simulation.lifts.passengers import PASSES_S, SPOT_AHEAD, SPOT_ASIDE, Doing
+from waychair.simulation.lifts.passengers import (
+    PASSES_S,
+    RADIUS,
+    SPOT_AHEAD,
+    SPOT_ASIDE,
+    Doing,
+    Passenger,
+    slots_of,
+)
 from waychair.simulation.plan.world import World, load_levels
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
@@ -197,3 +206,39 @@ def test_a_passenger_whose_way_out_is_taken_is_past_after_a_while(levels: tuple[
     assert who.here
     lifts.step(round((2.0 + PASSES_S) * 1e9))
     assert not who.here
+
+
+def test_passengers_beside_each_other_get_out_one_after_another(levels: tuple[World, ...]) -> None:
+    lifts = Lifts(levels, seed=1, passengers=3)
+    riders = _aboard(lifts)
+    lifts.call("lift", lifts.view("lift").level)
+    for _ in range(200):
+        lifts.step(lifts._now_ns + 100_000_000)
+        at = [(each.x, each.y) for each in riders if each.here]
+        assert all(math.dist(a, b) > 2 * RADIUS for a, b in itertools.combinations(at, 2))
+    assert not any(each.here for each in riders)
+
+
+def test_a_passenger_that_the_door_shuts_in_is_seen_where_the_lift_takes_it(levels: tuple[World, ...]) -> None:
+    lifts = Lifts(levels, seed=1, passengers=1)
+    (rider,), known = _aboard(lifts), lifts.lifts["lift"]
+    here, there = known.stops
+    lifts.note_chair("chair", here, known.cabins[here].middle, CHAIR_A)  # in its way out
+    lifts.call("lift", here)
+    lifts.step(3_000_000_000)
+    assert rider.doing is Doing.LEAVES
+    lifts.call("lift", there)
+    lifts.step(12_000_000_000)
+    assert lifts.view("lift").level == there
+    assert rider.doing is Doing.RIDES
+    assert (len(lifts.people(here)), len(lifts.people(there))) == (0, 1)
+
+
+def _aboard(lifts: Lifts) -> list[Passenger]:
+    """Put all passengers into the cabin, for the stop at which it stands; return them."""
+    known = lifts.lifts["lift"]
+    cabin = known.cabins[known.stops[0]]
+    for who, (x, y) in zip(lifts._passengers, slots_of(cabin.length, cabin.width), strict=False):
+        at = cabin.middle @ Pose2(x, y)
+        who.lift, who.stop, who.wants, who.doing, who.x, who.y = 0, 0, 0, Doing.RIDES, at.x, at.y
+    return lifts._passengers
