@@ -23,6 +23,8 @@ from waychair.errors import WorldError
 from waychair.simulation.lifts.car import Car, DoorKind, LeafObstruction, LiftFault
 from waychair.simulation.lifts.lift_doors import LiftDoor, door_of
 from waychair.simulation.lifts.passengers import (
+    CHAIR_GAP,
+    PASSENGER_GAP,
     PASSES_S,
     PAUSE_S,
     RADIUS,
@@ -364,20 +366,21 @@ class Lifts:
 
     def _busy_doorway(self, who: Passenger, known: CallableLift) -> bool:
         """Return whether a chair is near the doorway, or somebody leaves or is about to, so that others wait."""
-        leaves = (each for each in self._passengers if each.doing is Doing.RIDES and each.lift == who.lift)
-        if any(each.wants == who.stop for each in leaves):
+        others = [each for each in self._passengers if each.lift == who.lift]
+        leave = any(each.doing is Doing.LEAVES and each.stop == who.stop for each in others)
+        if leave or any(each.doing is Doing.RIDES and each.wants == who.stop for each in others):
             return True
         door = known.doors[known.stops[who.stop]].middle
         crowd = self._others(who, known.stops[who.stop], waiting=False)
         return bool(len(crowd) and (np.hypot(crowd[:, 0] - door.x, crowd[:, 1] - door.y) < 1.9).any())
 
     def _others(self, who: Passenger, level: str, waiting: bool = True, behind: bool = True) -> FloatArray:
-        """Return chairs and other passengers on a level as circles (N, 3) x, y, radius [m, map].
+        """Return chairs and other passengers on a level as (N, 4) x, y [map], radius and gap that a passenger keeps [m].
 
         Without those `behind`: they leave the same lift and have farther to go, so that of two one always goes first.
         """
         found = [
-            (each.x, each.y, RADIUS)
+            (each.x, each.y, RADIUS, PASSENGER_GAP)
             for each in self._passengers
             if each is not who
             and each.here
@@ -389,8 +392,8 @@ class Lifts:
             if chair.level == level:
                 for ahead, radius in _CHAIR_CIRCLES:
                     at = chair.pose @ Pose2(ahead, 0.0)
-                    found.append((at.x, at.y, radius))
-        return np.array(found).reshape(-1, 3)
+                    found.append((at.x, at.y, radius, CHAIR_GAP))
+        return np.array(found).reshape(-1, 4)
 
     def _level_of(self, who: Passenger) -> str:
         name = self._name_of(who)

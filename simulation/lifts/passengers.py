@@ -19,8 +19,8 @@ SPEED, RADIUS = 0.8, 0.25
 SPOT_AHEAD, SPOT_ASIDE = 1.2, 1.1
 """m; a passenger waits so far before the door and beside its middle, and goes to the other side when it leaves."""
 
-GAP = 0.25
-"""m; a passenger stops so far before the chair or another passenger."""
+CHAIR_GAP, PASSENGER_GAP = 0.25, 0.02
+"""m; a passenger stops so far before a chair, and before another passenger: in a cabin people squeeze past each other."""
 
 PASSES_S = 3.0
 """s; a passenger whose way is taken outside the doorway waits for so long, then goes another way and is gone."""
@@ -80,7 +80,7 @@ class Passenger:
         return PersonState(pose, self.speed, stride, RADIUS, PersonBehaviour.PATH, self.seed)
 
     def walk(self, seconds: float, others: FloatArray) -> bool:
-        """Walk on along `way` unless somebody in (N, 3) x, y, radius [m] is close ahead; return whether it is there."""
+        """Walk on along `way`; return whether it is there. It stops before `others`, (N, 4) x, y, radius and gap [m]."""
         self.speed = 0.0
         if not self.way:
             return True
@@ -96,7 +96,7 @@ class Passenger:
         if len(others):
             now = np.hypot(others[:, 0] - self.x, others[:, 1] - self.y) - others[:, 2] - RADIUS
             then = np.hypot(others[:, 0] - nx, others[:, 1] - ny) - others[:, 2] - RADIUS
-            if ((then < GAP) & (then < now)).any():
+            if ((then < others[:, 3]) & (then < now)).any():
                 return False
         self.x, self.y, self.speed = nx, ny, step / seconds
         self.walked += step
