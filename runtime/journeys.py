@@ -91,7 +91,7 @@ class _Heard:
     """The latest messages, and the rider's words: the scan, the lift's door in it, whether Stop holds, why to hold, and the
     air's pressure.
 
-    `shut_in`: without a journey, the chair is in a lift whose door is not seen open; `uncertain`: so is the storey since.
+    `shut_in`: the chair is in a lift whose door is not seen open, and no journey looks at it; `uncertain`: so is the storey since.
     `unready`: the drive that is wanted and cannot begin, by its key, and since when.
     """
 
@@ -269,26 +269,41 @@ class Traveller:
             elif isinstance(message, Scan):
                 self._heard.scan = message
         self._note_drive(state)
+        scanned = any(isinstance(message, Scan) for message in heard)
+        if scanned and not self._looks_after_cabin(state):
+            self._watch_cabin(state)
         if self.journey is None:
-            if any(isinstance(message, Scan) for message in heard):
-                self._watch_cabin(state)
             return TravelState(state, None, JourneyOrder(""), self.storey, {}, self._heard.door)
         site = self._site(self.journey)
-        if site is not None and any(isinstance(message, Scan) for message in heard):
+        if site is not None and scanned:
             self._look(site, state)
             if self.aboard and self._heard.door.open_s(state.stamp_ns) >= SEEN_OPEN_S:
                 self._motion.stands()
         view, before = self._view(self.journey, site, state), self.journey
         self.journey, order = step(before, view)
-        if self.journey.phase is JourneyPhase.RIDE and before.phase is not JourneyPhase.RIDE:
+        held = self.journey.phase is JourneyPhase.HELD
+        rides = JourneyPhase.RIDE in (self.journey.phase, self.journey.resume if held else None)
+        if rides and not self._heard.uncertain:
             self._doubt(certain=False)
-        if self.journey.phase is JourneyPhase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
+        if rides and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
+        elif self.journey.phase is JourneyPhase.DRIVE and self._aboard.leg == self.journey.leg:
+            self._aboard = _Aboard()  # out again where it got in: the next ride is another one
         self._obey(self.journey, order, state)
         return TravelState(state, self.journey, order, self.storey, view.chances, self._heard.door)
 
+    def _looks_after_cabin(self, state: ChairState) -> bool:
+        """Return whether the journey knows of the lift in which the chair is: it rides in it, or drives in or out of it."""
+        journey = self.journey
+        if journey is None or journey.phase is JourneyPhase.HELD:
+            return journey is not None and (self._is_aboard(journey) or journey.resume is JourneyPhase.LEAVE)
+        site = self._site(journey)
+        return self._is_aboard(journey) or (
+            site is not None and site.holds(self._cabin_from_base(journey, site, state))
+        )
+
     def _watch_cabin(self, state: ChairState) -> None:
-        """Doubt the storey of a chair without a journey once the door of the lift in which it stands is not seen open."""
+        """Doubt the storey of a chair that no journey looks after once the door of the lift in which it is is not seen open."""
         assert self._heard.scan is not None
         sites, base_from_laser = self._sites.values(), self._body.base_from_laser
         self._heard.shut_in = is_shut_in(self._heard.scan, sites, self.storey, state.map_from_base, base_from_laser)
@@ -396,6 +411,7 @@ class Traveller:
             chances=self._chances(journey, site, state.stamp_ns),
             without_map=frozenset(self._unmapped.get("" if site is None else site.lift, ())),
             localised=localised,
+            doubted=self._heard.uncertain and not self._is_aboard(journey),
         )
 
     def _is_clear(self, site: LiftSite, cabin_from_base: Pose2) -> bool:
@@ -471,7 +487,7 @@ class Traveller:
 
     def _site_pose(self, site: LiftSite, journey: Journey, state: ChairState) -> Pose2 | None:
         inside = self._cabin_from_base(journey, site, state)
-        return site.cabin @ inside if site.holds(inside) else None
+        return site.cabin @ inside if journey.out or site.holds(inside) else None
 
     def _switch(self, lift: str, storey: str, journey: Journey, state: ChairState) -> None:
         """Change everything that belongs to the map, in this tick."""

@@ -94,7 +94,10 @@ def is_shut_in(
     if held is None:
         return False
     site, cabin_from_base = held
-    return seen_door(DoorView(), scan, cabin_from_base @ base_from_laser, site).door in (Door.CLOSED, Door.UNSEEN)
+    cabin_from_laser = cabin_from_base @ base_from_laser
+    if cabin_from_laser.x > site.door_ahead:  # the chair stands in its doorway
+        return False
+    return seen_door(DoorView(), scan, cabin_from_laser, site).door in (Door.CLOSED, Door.UNSEEN)
 
 
 def _parts(scan: Scan, door_from_laser: Pose2, width: float) -> tuple[BoolArray, BoolArray]:

@@ -57,6 +57,9 @@ that is pressed earlier opens it again, with everybody in it.
 COMES_WITHIN_S, RIDES_WITHIN_S, ENTERS_WITHIN_S, LOCALISES_WITHIN_S = 240.0, 240.0, 60.0, 10.0
 """s; longest times of the phases."""
 
+DOUBTED = "the storey is not certain any more: say which one it is, then ask for the goal again"
+"""Why a journey ends."""
+
 MOST_TRIES = 4
 """Attempts to enter, or rides that stop elsewhere, after which the rider is asked."""
 
@@ -90,7 +93,8 @@ class JourneyView:
     `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift, `clear_of_lift`: the whole chair is
     out of it. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `riding`: the
     IMU feels a ride. `chances`: probabilities of the
-    lift's stops; of those in `without_map` there is none. `localised`: the pose on the present map is certain.
+    lift's stops; of those in `without_map` there is none. `localised`: the pose on the present map is certain. `doubted`: the
+    chair has been in a lift without its door in sight and open, though this journey did not ride there.
     """
 
     now_ns: int
@@ -107,6 +111,7 @@ class JourneyView:
     chances: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     without_map: frozenset[str] = frozenset()
     localised: bool = False
+    doubted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +138,8 @@ class Journey:
 
     `drives` numbers the drives. `crowded_ns`: since when the open cabin has not been free. `closed`: the door has been seen
     closed since the chair stands in the cabin. `to`: the storey whose map is to be used next. `cancelled`: only the storey
-    is still to be found out. `resume`: the phase that `go_on` leads to.
+    is still to be found out. `resume`: the phase that `go_on` leads to. `out`: the rider has driven out of the lift by the
+    joystick, so that the ride is over.
     """
 
     legs: tuple[Leg, ...]
@@ -147,6 +153,7 @@ class Journey:
     to: str = ""
     cancelled: bool = False
     resume: JourneyPhase = JourneyPhase.DRIVE
+    out: bool = False
     why: str = ""
 
     @property
@@ -200,11 +207,15 @@ def step(journey: Journey, view: JourneyView) -> tuple[Journey, JourneyOrder]:
         and (view.taken_over or view.drive is DriveProgress.ENDED)
     ):
         journey = _held(journey, view, view.why or "you drive")
+    if view.doubted and not journey.ended:
+        journey = _to(journey, JourneyPhase.FAILED, view.now_ns, why=DOUBTED)
     after = _STEPS[journey.phase](journey, view)
     return after, _order(after, view)
 
 
 def _drive(journey: Journey, view: JourneyView) -> Journey:
+    if view.in_cabin and view.door.door is Door.CLOSED:
+        return _ridden(journey, view)
     if view.drive is DriveProgress.FAILED:
         return _held(journey, view, view.why)
     if view.drive is not DriveProgress.ARRIVED:
@@ -242,6 +253,8 @@ def _wait(journey: Journey, view: JourneyView) -> Journey:
 
 
 def _enter(journey: Journey, view: JourneyView) -> Journey:
+    if view.in_cabin and view.door.door is Door.CLOSED:
+        return _ridden(journey, view)
     closes = view.door.door is Door.PART and view.door.still_s(view.now_ns) < 0.3
     if view.drive is DriveProgress.ARRIVED and view.in_cabin:
         return _to(journey, JourneyPhase.RIDE, view.now_ns)
@@ -263,6 +276,8 @@ def _enter(journey: Journey, view: JourneyView) -> Journey:
 
 
 def _ride(journey: Journey, view: JourneyView) -> Journey:
+    if journey.out:
+        return _to(journey, JourneyPhase.WHICH, view.now_ns, tries=journey.tries)
     closed = journey.closed or view.door.door is Door.CLOSED
     journey = replace(journey, closed=closed)
     if closed and view.door.door is Door.OPEN and not view.riding:
@@ -276,20 +291,22 @@ def _which(journey: Journey, view: JourneyView) -> Journey:
     storey = decided(view.chances)
     if storey is None or view.riding:
         return journey
-    if storey == journey.here.storey and not journey.cancelled:
+    if storey == journey.here.storey and not journey.cancelled and not journey.out:
         # it has not left: the door opened again
         return _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries)
     unmapped = f"this is {storey}, of which there is no map"
-    if storey in view.without_map and journey.cancelled:
+    if storey in view.without_map and (journey.cancelled or journey.out):
         return _held(journey, view, f"{unmapped}: ride to another storey, or drive out by the joystick")
-    if storey != journey.next_storey and not journey.cancelled:
+    if storey != journey.next_storey and not journey.cancelled and not journey.out:
         if journey.tries + 1 >= MOST_TRIES:
             why = f"the lift stops at {storey} instead of {journey.next_storey}: press its button, then go on"
             return _held(journey, view, why)
         what = unmapped if storey in view.without_map else f"this is {storey}"
         why = f"{what}: press {journey.next_storey} again, and stay in the lift"
         return _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries + 1, why=why)
-    return replace(_to(journey, JourneyPhase.SWITCH, view.now_ns, tries=journey.tries), to=storey)
+    elsewhere = storey not in (journey.here.storey, journey.next_storey)
+    switch = _to(journey, JourneyPhase.SWITCH, view.now_ns, tries=journey.tries)
+    return replace(switch, to=storey, cancelled=journey.cancelled or elsewhere)
 
 
 def _switch(journey: Journey, view: JourneyView) -> Journey:
@@ -301,15 +318,16 @@ def _switch(journey: Journey, view: JourneyView) -> Journey:
 
 
 def _relocalise(journey: Journey, view: JourneyView) -> Journey:
-    if view.riding or view.door.door is Door.CLOSED:  # somebody has called the car away
+    if _car_leaves(view) and not journey.out:  # somebody has called the car away
         return replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), closed=True)
     if view.localised:
         if journey.cancelled:
             return _to(
                 journey, JourneyPhase.FAILED, view.now_ns, why="the journey was cancelled: choose a goal to drive on"
             )
-        leg = min(journey.leg + 1, len(journey.legs) - 1)
-        return replace(_to(journey, JourneyPhase.LEAVE, view.now_ns), leg=leg, drives=journey.drives + 1)
+        leg = journey.leg if journey.to == journey.here.storey else min(journey.leg + 1, len(journey.legs) - 1)
+        out = _to(journey, JourneyPhase.DRIVE if journey.out else JourneyPhase.LEAVE, view.now_ns)
+        return replace(out, leg=leg, drives=journey.drives + 1)
     if _lasts_s(journey, view) > LOCALISES_WITHIN_S:
         why = f"what the chair sees does not fit the map of {journey.to}: choose the storey, then go on"
         return replace(_held(journey, view, why), resume=JourneyPhase.WHICH)
@@ -324,9 +342,8 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
         if closes and view.in_cabin and view.drive is DriveProgress.UNDER_WAY and view.at_rest:
             return _again(journey, view, journey.tries)
         return journey
-    if view.in_cabin and _car_leaves(view):  # somebody has called it away: the storey is uncertain again
-        ride = _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries)
-        return replace(ride, leg=max(journey.leg - 1, 0), closed=True)
+    if view.in_cabin and _car_leaves(view):
+        return _ridden(journey, view)
     if view.drive is DriveProgress.FAILED:
         return (
             _held(journey, view, view.why) if journey.tries >= MOST_TRIES else _again(journey, view, journey.tries + 1)
@@ -334,8 +351,17 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
     return journey
 
 
+def _ridden(journey: Journey, view: JourneyView) -> Journey:
+    """Return a journey whose car may leave now, called by somebody: the storey is uncertain, and found out as after any ride."""
+    ride = replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), closed=True)
+    here = journey.phase is not JourneyPhase.LEAVE and bool(journey.here.lift)
+    return ride if here else replace(ride, leg=max(journey.leg - 1, 0))
+
+
 def _hold(journey: Journey, view: JourneyView) -> Journey:
     """Return a held journey; if the car leaves with the chair, the storey is found out again before it goes on."""
+    if view.in_cabin or (journey.resume in IN_THE_CAR and view.taken_over and view.clear_of_lift):
+        journey = replace(journey, out=not view.in_cabin)
     if journey.resume is JourneyPhase.LEAVE and view.in_cabin and _car_leaves(view):
         return replace(journey, leg=max(journey.leg - 1, 0), resume=JourneyPhase.WHICH)
     return journey
@@ -420,7 +446,8 @@ def _held(journey: Journey, view: JourneyView, why: str) -> Journey:
 
 def _to(journey: Journey, phase: JourneyPhase, now_ns: int, tries: int = 0, why: str = "") -> Journey:
     closed = journey.closed if phase in (JourneyPhase.WHICH, JourneyPhase.SWITCH, JourneyPhase.RELOCALISE) else False
-    return replace(journey, phase=phase, since_ns=now_ns, tries=tries, crowded_ns=None, closed=closed, why=why)
+    out = journey.out and phase in (*IN_THE_CAR, JourneyPhase.HELD)
+    return replace(journey, phase=phase, since_ns=now_ns, tries=tries, crowded_ns=None, closed=closed, out=out, why=why)
 
 
 def _lasts_s(journey: Journey, view: JourneyView) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,10 +13,12 @@ from tests.maps.building.buildings import two_storeys
 from tests.maps.building.test_lift_cabins import with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.journey.building_legs import sites_of_building, stops_without_map
-from waychair.control.journey.journey import JourneyPhase, Leg
+from waychair.control.journey.journey import DOUBTED, JourneyPhase, Leg
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.journeys import BEGINS_WITHIN_S, StoreyMap, Traveller
 from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2, Scan
+
+BLIND = Scan(0, np.full(720, np.nan, np.float32), -2.356, 4.712 / 719)
 
 
 class Chair:
@@ -39,6 +42,12 @@ class Chair:
 
     def doubt_storey(self, *, certain: bool) -> None:
         self.told.append(certain)
+
+    def pause(self) -> bool:
+        return False
+
+    def stop(self) -> None:
+        """Nothing drives."""
 
     def step(self, now_ns: int, messages: Any, halts: Any = ()) -> Any:
         self.halts = [each.stop.id for each in halts]
@@ -73,7 +82,7 @@ def chair() -> Chair:
 def traveller(chair: Chair) -> Traveller:
     sites = sites_of_building(with_cabins(two_storeys()))
     maps = [StoreyMap("g", floor_of(0), {}), StoreyMap("1", floor_of(1), {}, 3.5)]
-    lifts: Any = SimpleNamespace()
+    lifts: Any = SimpleNamespace(hold=lambda lift, held: None, call=lambda lift, storey: None, said=lambda lift: None)
     return Traveller(chair, CHAIR_A, maps, sites, lifts, "g")  # type: ignore[arg-type]
 
 
@@ -107,10 +116,9 @@ def test_a_chair_in_a_lift_without_a_journey_doubts_its_storey_once_the_door_is_
     chair: Chair, traveller: Traveller
 ) -> None:
     (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
-    blind = Scan(0, np.full(720, np.nan, np.float32), -2.356, 4.712 / 719)
 
     def tick() -> bool:
-        traveller.step(0, (blind,))
+        traveller.step(0, (BLIND,))
         return traveller.shut_in
 
     assert not tick()
@@ -137,3 +145,38 @@ def test_a_journey_whose_drive_cannot_begin_is_held_after_a_while_with_the_reaso
         phases.append(state.journey.phase)
     assert phases.index(JourneyPhase.HELD) == pytest.approx(10 * BEGINS_WITHIN_S, abs=3)
     assert state.order.sentence == "the board is silent; press Go on to continue"
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_journey_ends_where_the_chair_is_in_a_lift_that_it_does_not_take_and_the_door_is_not_seen_open(
+    chair: Chair, traveller: Traveller, held: bool
+) -> None:
+    (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
+    traveller.go((Leg("g", Goal(Pose2(5.0, 0.0))),), 0)
+    if held:
+        traveller.pause()
+        traveller.step(0, (BLIND,))
+    chair.pose = site.cabin
+    traveller.step(50_000_000, (BLIND,))
+    state = traveller.step(100_000_000, (BLIND,))
+    assert state.journey is not None
+    assert (state.journey.phase, state.order.sentence) == (JourneyPhase.FAILED, DOUBTED)
+    assert (chair.told, chair.halts) == ([False], ["floor_uncertain"])
+
+
+def test_a_chair_that_is_held_in_the_cabin_feels_a_ride_from_then_on(chair: Chair, traveller: Traveller) -> None:
+    (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
+    legs = Leg("g", Goal(site.lobby), site.lift, Goal(site.cabin)), Leg("1", Goal(Pose2(5.0, 0.0)))
+    traveller.go(legs, 0)
+    assert traveller.journey is not None
+    traveller.journey = replace(traveller.journey, phase=JourneyPhase.ENTER)
+    chair.pose = site.cabin
+    traveller.stop()
+    state = traveller.step(0, (BLIND,))
+    assert state.journey is not None
+    assert (state.journey.phase, state.journey.resume, traveller.aboard) == (JourneyPhase.HELD, JourneyPhase.RIDE, True)
+    traveller.step(50_000_000, (BLIND,))
+    assert traveller.journey.phase is JourneyPhase.HELD  # the journey knows of this lift
+    traveller.go_on(100_000_000)
+    traveller.step(100_000_000, (BLIND,))
+    assert (chair.told, chair.halts) == ([False], [])

@@ -43,6 +43,9 @@ def door(kind: Door, since_s: float, now_s: float = 100.0) -> DoorView:
 OPEN, CLOSED, MOVING = door(Door.OPEN, 5.0), door(Door.CLOSED, 5.0), door(Door.PART, 0.0)
 
 
+INSIDE = {"in_cabin": True, "clear_of_lift": False}
+
+
 def view(**changes: object) -> JourneyView:
     return replace(JourneyView(100 * S, "g"), **changes)
 
@@ -183,15 +186,17 @@ def test_a_lift_that_never_comes_is_told_and_can_be_waited_for() -> None:
 
 def test_a_lift_that_stops_elsewhere_is_sent_on() -> None:
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
-    journey, order = after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere))
+    journey, order = after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere, **INSIDE))
     assert (journey.phase, order.call) == (JourneyPhase.RIDE, "1")
     assert order.sentence == "this is 2: press 1 again, and stay in the lift"
     assert not journey.closed  # its door must close and open again
-    assert after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere), tries=3)[0].phase is JourneyPhase.HELD
+    assert (
+        after(JourneyPhase.WHICH, view(door=OPEN, chances=elsewhere, **INSIDE), tries=3)[0].phase is JourneyPhase.HELD
+    )
 
 
 def test_no_chair_leaves_a_lift_on_a_storey_without_a_map() -> None:
-    here = view(door=OPEN, chances={"g": 0.0, "1": 0.001, "2": 0.999}, without_map=frozenset("2"))
+    here = view(door=OPEN, chances={"g": 0.0, "1": 0.001, "2": 0.999}, without_map=frozenset("2"), **INSIDE)
     journey, order = after(JourneyPhase.WHICH, here)
     assert (journey.phase, order.goal, order.switch, order.call) == (JourneyPhase.RIDE, None, None, "1")
     assert order.sentence == "this is 2, of which there is no map: press 1 again, and stay in the lift"
@@ -220,7 +225,7 @@ def test_a_map_that_does_not_fit_is_asked_about() -> None:
 
 
 def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None:
-    assert after(JourneyPhase.RELOCALISE, view(storey="1", door=CLOSED), to="1")[0].phase is JourneyPhase.RIDE
+    assert after(JourneyPhase.RELOCALISE, view(storey="1", door=CLOSED, **INSIDE), to="1")[0].phase is JourneyPhase.RIDE
 
 
 @pytest.mark.parametrize("away", [{"door": CLOSED}, {"door": OPEN, "riding": True}])
@@ -241,6 +246,57 @@ def test_a_car_that_is_called_away_while_the_chair_waits_to_leave_makes_the_stor
     assert (held.phase, order.goal) == (JourneyPhase.HELD, None)
     again = go_on(held, 200 * S)
     assert (again.phase, again.here.lift) == (JourneyPhase.WHICH, "A")  # not out of the door of any storey
+
+
+@pytest.mark.parametrize("phase", [JourneyPhase.DRIVE, JourneyPhase.ENTER])
+def test_a_door_that_closes_on_a_chair_that_drives_in_the_cabin_begins_a_ride(phase: JourneyPhase) -> None:
+    rides, order = after(phase, view(drive=DriveProgress.UNDER_WAY, door=CLOSED, **INSIDE), leg=0)
+    assert (rides.phase, rides.leg, rides.closed, order.goal, order.call) == (JourneyPhase.RIDE, 0, True, None, "1")
+    assert step(rides, view(door=OPEN, **INSIDE))[0].phase is JourneyPhase.WHICH
+    last, _ = after(JourneyPhase.DRIVE, view(storey="1", drive=DriveProgress.UNDER_WAY, door=CLOSED, **INSIDE), leg=1)
+    assert (last.phase, last.here.lift) == (JourneyPhase.RIDE, "A")
+
+
+@pytest.mark.parametrize(
+    ("chances", "without_map", "phases", "leg"),
+    [
+        ({"g": 1.0, "1": 0.0, "2": 0.0}, "", ("switch", "relocalise", "drive"), 0),  # out again where it got in
+        (SURE, "", ("switch", "relocalise", "drive"), 1),
+        ({"g": 0.0, "1": 0.0, "2": 1.0}, "", ("switch", "relocalise", "failed"), 0),
+        ({"g": 0.0, "1": 0.0, "2": 1.0}, "2", ("held", "held", "held"), 0),
+        ({"g": 0.5, "1": 0.0, "2": 0.5}, "", ("which storey", "which storey", "which storey"), 0),
+    ],
+)
+def test_a_rider_who_drives_out_of_the_lift_by_the_joystick_is_on_the_storey_that_the_chair_finds_out(
+    chances: dict[str, float], without_map: str, phases: tuple[str, ...], leg: int
+) -> None:
+    journey = at(JourneyPhase.HELD, resume=JourneyPhase.RIDE, why="you drive")
+    journey, _ = step(journey, view(taken_over=True, door=OPEN))
+    journey, order = step(go_on(journey, 100 * S), view(door=CLOSED, chances=chances))
+    assert (journey.phase, order.goal, order.call) == (JourneyPhase.WHICH, None, None)
+    found = []
+    for seconds in range(3):
+        storey = journey.to or "g"
+        seen = view(
+            now_ns=(103 + seconds) * S,
+            storey=storey,
+            door=CLOSED,  # of a lift that is gone
+            chances=chances,
+            localised=True,
+            without_map=frozenset(without_map),
+        )
+        journey, order = step(journey, seen)
+        found.append(journey.phase.value)
+    assert (tuple(found), journey.leg) == (phases, leg)
+    if phases[0] == "which storey":
+        assert order.ask == ("g", "1", "2")
+
+
+@pytest.mark.parametrize("phase", [JourneyPhase.DRIVE, JourneyPhase.HELD])
+def test_a_journey_ends_once_the_chair_has_been_shut_in_another_lift(phase: JourneyPhase) -> None:
+    ended, order = after(phase, view(drive=DriveProgress.UNDER_WAY, doubted=True))
+    assert (ended.phase, order.goal) == (JourneyPhase.FAILED, None)
+    assert "say which one it is" in order.sentence
 
 
 def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() -> None:
@@ -364,13 +420,15 @@ def scan_in_cabin(opening: float, faces: float = 0.0) -> Scan:
         (1.1, "g", 0.0, math.pi, True),  # nobody sees whether it is open
         (0.0, "1", 0.0, 0.0, False),
         (0.0, "g", 1.2, 0.0, False),
+        (1.1, "g", 0.7, 0.0, False),  # its lidar has passed the doorway
     ],
 )
 def test_a_chair_is_shut_in_where_its_lifts_door_is_not_seen_open(
     opening: float, storey: str, x: float, faces: float, shut: bool
 ) -> None:
     pose = SITE.cabin @ Pose2(x, 0.0, faces)
-    assert is_shut_in(scan_in_cabin(opening, faces), (SITE,), storey, pose, Pose2()) is shut
+    laser = Pose2(0.4, 0.0) if x == 0.7 else Pose2()
+    assert is_shut_in(scan_in_cabin(opening, faces), (SITE,), storey, pose, laser) is shut
 
 
 def test_a_chair_in_a_lift_stands_in_the_same_way_in_its_cabin_on_another_storeys_map() -> None:
