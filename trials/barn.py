@@ -15,12 +15,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -32,7 +29,7 @@ from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.drive.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.drive.navigator import Stage
 from waychair.control.drive.recovery import RecoverySettings
-from waychair.errors import ConfigError, WorkerLost, WorldError
+from waychair.errors import ConfigError, WorldError
 from waychair.files import is_folder
 from waychair.geometry import arc
 from waychair.maps.grid.occupancy import OccupancySettings
@@ -44,6 +41,7 @@ from waychair.simulation.scene.seeds import seed_from_names
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.rays import scenery_from_slice
 from waychair.topics import COMMAND
+from waychair.trials.worker_pool import worker_pool
 from waychair.types import FloatArray, Json, Pose2, Twist
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
@@ -314,13 +312,8 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
     if jobs <= 1:
         yield map
         return
-    try:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            yield pool.map
-    except BrokenProcessPool as error:
-        raise WorkerLost(
-            f"one of {jobs} processes was killed from outside, perhaps because memory ran out: reduce --jobs"
-        ) from error
+    with worker_pool(jobs) as pool:
+        yield pool.map
 
 
 def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:

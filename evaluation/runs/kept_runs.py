@@ -8,7 +8,6 @@ environment variable `ACCEPTANCE_PROCESSES` reduces the number of processes.
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
 import os
 import pickle
 import re
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from waychair.files import write_bytes
+from waychair.trials.worker_pool import new_pool
 
 Result = TypeVar("Result")
 
@@ -97,5 +97,5 @@ def _git(*words: str) -> str:
 
 @cache
 def _processes() -> ProcessPoolExecutor:
-    """Return a pool of fresh processes, as a renderer does not survive a fork."""
-    return ProcessPoolExecutor(processes(), multiprocessing.get_context("spawn"))
+    """Return the processes of all figures."""
+    return new_pool(processes())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,13 +15,12 @@ import pytest
 from waychair.cli.barn_command import barn_command
 from waychair.control.drive.mapless import MaplessNavigator
 from waychair.control.drive.navigator import Stage
-from waychair.errors import ConfigError, WorkerLost, WorldError
+from waychair.errors import ConfigError, WorldError
 from waychair.simulation.plan.imports import BarnEnvironment, read_barn
 from waychair.trials.barn import (
     JACKAL,
     ROBOTS,
     BarnTask,
-    _workers,
     clearance_among,
     navigator_settings,
     report,
@@ -176,8 +174,3 @@ def test_the_command_prints_the_figures_of_the_benchmark_as_json(
     found = json.loads(capsys.readouterr().out)
     assert {"score", "success", "contact", "timeout", "worlds"} <= set(found)
     assert found["runs"] == 1
-
-
-def test_a_killed_process_is_named_with_advice() -> None:
-    with pytest.raises(WorkerLost, match="reduce --jobs"), _workers(2) as each:
-        list(each(os._exit, [1, 1]))

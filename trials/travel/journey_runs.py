@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from waychair.errors import OutputError, WorldError
 from waychair.simulation.plan.world import World, load_levels
 from waychair.trials.travel.journeys import JourneyRecord, journey
+from waychair.trials.worker_pool import worker_pool
 from waychair.types import Json
 
 PASSENGERS = 3
@@ -59,6 +59,10 @@ def run_journeys(
     """Return the records of the journeys of these seeds, in their order; `jobs` processes, by default one a core.
 
     `progress` is called with each seed and its record as its journey ends.
+
+    Raises:
+        WorkerLost: a process was killed from outside.
+        WorldError: as `random_ends`.
     """
     random_ends(load_levels(world), 0)  # a wrong world is told at once
     one = partial(seeded_journey, world, passengers=passengers, imu=imu)
@@ -68,7 +72,7 @@ def run_journeys(
             records[seed] = one(seed)
             progress(seed, records[seed])
     else:
-        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        with worker_pool(jobs) as pool:
             running = {pool.submit(one, seed): seed for seed in seeds}
             try:
                 for ended in as_completed(running):
