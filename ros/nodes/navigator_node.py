@@ -369,6 +369,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             stamp_ns=now_ns,
             map_from_base=self.map_from_base(now_ns),
             odom_from_base=self._track.odom_from_base(now_ns),
+            continued=self._track.continued,
             twist=self._track.twist,
             localisation=None if located is None else located[1],
             navigation=Navigation(Stage.IDLE)

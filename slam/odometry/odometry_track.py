@@ -22,6 +22,9 @@ class OdometryTrack:
 
     def __init__(self) -> None:
         self._track: deque[Odometry] = deque()
+        self._first_from_odom = Pose2()
+        self.continued = Pose2()
+        """The chair by the latest reading, in the frame of the first: it is taken to have stood still over a restart."""
 
     @property
     def twist(self) -> Twist:
@@ -36,6 +39,9 @@ class OdometryTrack:
         anew = bool(self._track) and self._begins(odometry)
         if anew or (self._track and odometry.stamp_ns <= self._track[-1].stamp_ns):
             self._track.clear()
+        if anew:
+            self._first_from_odom = self.continued @ odometry.odom_from_base.inverse()
+        self.continued = self._first_from_odom @ odometry.odom_from_base
         self._track.append(odometry)
         while odometry.stamp_ns - self._track[0].stamp_ns > _KEPT_NS:
             self._track.popleft()

@@ -43,12 +43,13 @@ _NS = 1_000_000_000
 class ChairNow:
     """The navigator node's present knowledge: poses, twist, the drive and its goal, the bridge's report, floor and map.
 
-    `floor`: the one told last; `revision`: of the map that the node has.
+    `continued`: by odometry, over silences and restarts. `floor`: the one told last; `revision`: of the map that the node has.
     """
 
     stamp_ns: int
     map_from_base: Pose2 | None
     odom_from_base: Pose2 | None
+    continued: Pose2
     twist: Twist
     localisation: Localisation | None
     navigation: Navigation
@@ -93,6 +94,8 @@ class RemoteChair:
         self._asked_ns = self._page_ns = -(10**12)
         self._wanted: Any = None
         """The request to the mapper until the floor is as it asks."""
+        self._pose = Pose2()
+        """The chair in map as it was known last."""
 
     @property
     def goal_id(self) -> int:
@@ -129,7 +132,7 @@ class RemoteChair:
     @property
     def odom_from_base(self) -> Pose2:
         """The chair's pose by wheels and gyro alone."""
-        return self._driver.now().odom_from_base or Pose2()
+        return self._driver.now().continued
 
     def seen_page(self) -> None:
         """Note that a page with a Stop button is open."""
@@ -186,6 +189,7 @@ class RemoteChair:
         request = kind.Request(map_url=self._folders[storey], certain=True, placed=map_from_base is not None)
         if map_from_base is not None:
             request.map_from_base = native(pose(map_from_base))
+        self._pose = map_from_base or Pose2()
         self._want(request)
 
     def doubt_storey(self, *, certain: bool) -> None:
@@ -197,6 +201,7 @@ class RemoteChair:
         now = self._driver.now()
         self._follow_floor(now)
         self._follow_confirmation(now)
+        self._pose = now.map_from_base or self._pose
         state = now.state
         mode = DriveMode.MANUAL if state is None else state.mode
         reason = "the bridge does not answer" if state is None else state.reason or state.last_stop
@@ -208,7 +213,7 @@ class RemoteChair:
         )
         return ChairState(
             stamp_ns=now.stamp_ns,
-            map_from_base=now.map_from_base or Pose2(),
+            map_from_base=self._pose,
             twist=now.twist,
             localisation=None if self._wanted is not None else now.localisation,
             verdict=SupervisorVerdict(mode, reason, steered=steered),

@@ -124,7 +124,9 @@ class Driver:
         state = DriveReport(self.stamp_ns, self.goal_id, mode, ready=True)
         floor = Floor(0, str(self.folder.resolve()), 7, "Clinic", self.folder.name, certain=self.certain)
         navigation = Navigation(self.stage)
-        return ChairNow(self.stamp_ns, self.pose, Pose2(), Twist(), None, navigation, self.goal_id, state, floor, 7)
+        return ChairNow(
+            self.stamp_ns, self.pose, Pose2(), Pose2(), Twist(), None, navigation, self.goal_id, state, floor, 7
+        )
 
     def begin_leg(self, goal: Goal, goal_id: int) -> None:
         self.legs.append(goal)

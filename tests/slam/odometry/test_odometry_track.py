@@ -76,3 +76,12 @@ def test_driving_through_the_origin_or_standing_there_does_not_count_as_a_restar
     standing = OdometryTrack()
     standing.take(reading(0, Pose2()))
     assert not standing.take(reading(5000, Pose2(0.01)))
+
+
+def test_over_a_silence_and_a_restart_the_chair_goes_on_from_where_it_stood() -> None:
+    track = driven(1000)
+    assert track.continued.array() == pytest.approx(on_arc(1000).array())
+    assert track.take(reading(6000, Pose2(0.001, 0.0)))
+    assert track.continued.array() == pytest.approx(on_arc(1000).array())
+    track.take(reading(6050, Pose2(0.501, 0.0)))
+    assert track.continued.array() == pytest.approx((on_arc(1000) @ Pose2(0.5, 0.0)).array())
