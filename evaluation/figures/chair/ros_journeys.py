@@ -216,8 +216,13 @@ class Rider:
                 state is not None and state.driving and state.stamp_ns > back_ns
             )  # not the last word of a bridge that was killed
 
-        stack.until(drives, "the next drive", STUCK_S)
-        return JourneyKill(node, phase, (gone_ns - dead_ns) / 1e6, time.monotonic() - began_s, held and took)
+        next_s: float | None = None
+        try:
+            stack.until(drives, "the next drive", STUCK_S)
+            next_s = time.monotonic() - began_s
+        except AssertionError as stuck:
+            print(stuck, flush=True)
+        return JourneyKill(node, phase, (gone_ns - dead_ns) / 1e6, next_s, held and took)
 
 
 def journeys_killed(out: Path) -> Json:
