@@ -287,20 +287,18 @@ class Traveller:
             self._doubt(certain=False)
         if rides and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
-        elif self.journey.phase is JourneyPhase.DRIVE and self._aboard.leg == self.journey.leg:
-            self._aboard = _Aboard()  # out again where it got in: the next ride is another one
+        elif self.journey.phase is JourneyPhase.DRIVE and self._aboard.leg >= 0:
+            self._aboard = _Aboard()  # the ride is over
         self._obey(self.journey, order, state)
         return TravelState(state, self.journey, order, self.storey, view.chances, self._heard.door)
 
     def _looks_after_cabin(self, state: ChairState) -> bool:
         """Return whether the journey knows of the lift in which the chair is: it rides in it, or drives in or out of it."""
         journey = self.journey
-        if journey is None or journey.phase is JourneyPhase.HELD:
-            return journey is not None and (self._is_aboard(journey) or journey.resume is JourneyPhase.LEAVE)
+        if journey is None or self._is_aboard(journey):
+            return journey is not None
         site = self._site(journey)
-        return self._is_aboard(journey) or (
-            site is not None and site.holds(self._cabin_from_base(journey, site, state))
-        )
+        return site is not None and site.holds(self._cabin_from_base(journey, site, state))
 
     def _watch_cabin(self, state: ChairState) -> None:
         """Doubt the storey of a chair that no journey looks after once the door of the lift in which it is is not seen open."""
@@ -316,8 +314,8 @@ class Traveller:
 
     def _site(self, journey: Journey) -> LiftSite | None:
         """Return the lift that the journey is about, on the map in use."""
-        lift = journey.here.lift
-        if journey.phase is JourneyPhase.LEAVE or (journey.phase is JourneyPhase.DRIVE and not lift):
+        lift, phase = journey.here.lift, journey.resume if journey.phase is JourneyPhase.HELD else journey.phase
+        if phase is JourneyPhase.LEAVE or (phase is JourneyPhase.DRIVE and not lift):
             lift = journey.legs[max(journey.leg - 1, 0)].lift
         return self._sites.get((lift, self.storey))
 

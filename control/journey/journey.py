@@ -196,7 +196,7 @@ def go_on(journey: Journey, now_ns: int) -> Journey:
     """Return a journey that goes on where it was held, by the rider's own act."""
     if journey.phase is not JourneyPhase.HELD:
         return journey
-    return replace(_to(journey, journey.resume, now_ns), drives=journey.drives + 1)
+    return replace(_to(journey, journey.resume, now_ns), drives=journey.drives + 1, closed=journey.closed)
 
 
 def step(journey: Journey, view: JourneyView) -> tuple[Journey, JourneyOrder]:
@@ -353,18 +353,27 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
 
 def _ridden(journey: Journey, view: JourneyView) -> Journey:
     """Return a journey whose car may leave now, called by somebody: the storey is uncertain, and found out as after any ride."""
-    ride = replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), closed=True)
-    here = journey.phase is not JourneyPhase.LEAVE and bool(journey.here.lift)
-    return ride if here else replace(ride, leg=max(journey.leg - 1, 0))
+    leg = max(journey.leg - 1, 0) if journey.phase is JourneyPhase.LEAVE else _boarded(journey)
+    return replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), leg=leg, closed=True)
 
 
 def _hold(journey: Journey, view: JourneyView) -> Journey:
-    """Return a held journey; if the car leaves with the chair, the storey is found out again before it goes on."""
+    """Return a held journey, whose rider may drive into its lift and out by the joystick; if the car leaves with the chair, the
+    storey is found out again before it goes on.
+    """
+    journey = replace(journey, closed=journey.closed or view.door.door is Door.CLOSED)
     if view.in_cabin or (journey.resume in IN_THE_CAR and view.taken_over and view.clear_of_lift):
         journey = replace(journey, out=not view.in_cabin)
+    if view.in_cabin and journey.resume is JourneyPhase.DRIVE:
+        return replace(journey, leg=_boarded(journey), resume=JourneyPhase.RIDE)
     if journey.resume is JourneyPhase.LEAVE and view.in_cabin and _car_leaves(view):
         return replace(journey, leg=max(journey.leg - 1, 0), resume=JourneyPhase.WHICH)
     return journey
+
+
+def _boarded(journey: Journey) -> int:
+    """Return the leg of the lift in whose cabin a chair is on a drive: to its lift, or else away from the one before."""
+    return journey.leg if journey.here.lift else max(journey.leg - 1, 0)
 
 
 def _car_leaves(view: JourneyView) -> bool:

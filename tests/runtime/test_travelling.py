@@ -164,6 +164,21 @@ def test_a_journey_ends_where_the_chair_is_in_a_lift_that_it_does_not_take_and_t
     assert (chair.told, chair.halts) == ([False], ["floor_uncertain"])
 
 
+def test_a_held_chair_that_its_rider_drives_into_the_lift_is_aboard_though_it_does_not_see_the_door(
+    chair: Chair, traveller: Traveller
+) -> None:
+    (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
+    traveller.go((Leg("g", Goal(site.lobby), site.lift, Goal(site.cabin)), Leg("1", Goal(Pose2(5.0, 0.0)))), 0)
+    traveller.stop()
+    traveller.step(0, (BLIND,))
+    chair.pose = site.cabin
+    for tick in range(1, 4):
+        state = traveller.step(tick * 50_000_000, (BLIND,))
+    assert state.journey is not None
+    assert (state.journey.phase, state.journey.resume, traveller.aboard) == (JourneyPhase.HELD, JourneyPhase.RIDE, True)
+    assert (chair.told, chair.halts) == ([False], [])  # no drive begins, but the journey finds the storey out
+
+
 def test_a_chair_that_is_held_in_the_cabin_feels_a_ride_from_then_on(chair: Chair, traveller: Traveller) -> None:
     (site,) = (each for each in sites_of_building(with_cabins(two_storeys())) if each.storey == "g")
     legs = Leg("g", Goal(site.lobby), site.lift, Goal(site.cabin)), Leg("1", Goal(Pose2(5.0, 0.0)))

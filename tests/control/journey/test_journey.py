@@ -292,6 +292,16 @@ def test_a_rider_who_drives_out_of_the_lift_by_the_joystick_is_on_the_storey_tha
         assert order.ask == ("g", "1", "2")
 
 
+@pytest.mark.parametrize("leg", [0, 1])
+def test_a_rider_who_drives_into_the_lift_by_the_joystick_rides_and_the_storey_is_found_out(leg: int) -> None:
+    held = at(JourneyPhase.HELD, leg=leg, why="you drive")
+    held, order = step(held, view(taken_over=True, door=OPEN, **INSIDE))
+    assert (held.phase, held.resume, held.here.lift, order.goal) == (JourneyPhase.HELD, JourneyPhase.RIDE, "A", None)
+    held, _ = step(held, view(door=CLOSED, **INSIDE))  # it leaves before the rider lets the journey go on
+    which, order = step(go_on(held, 200 * S), view(door=OPEN, **INSIDE))
+    assert (which.phase, order.goal) == (JourneyPhase.WHICH, None)
+
+
 @pytest.mark.parametrize("phase", [JourneyPhase.DRIVE, JourneyPhase.HELD])
 def test_a_journey_ends_once_the_chair_has_been_shut_in_another_lift(phase: JourneyPhase) -> None:
     ended, order = after(phase, view(drive=DriveProgress.UNDER_WAY, doubted=True))
