@@ -43,7 +43,7 @@ from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.travel_ports import LiftPort, TravellingChair
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
+from waychair.types import BoolArray, DriveMode, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
 
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
@@ -390,6 +390,7 @@ class Traveller:
         hand = "you drive by the joystick" if pushed and not self._heard.stopped else hold
         twist = state.twist
         inside = None if site is None else self._cabin_from_base(journey, site, state)
+        beyond = np.ones(1, np.bool_) if site is None or inside is None else self._beyond_door(site, inside)
         localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
         if localised and site is not None and inside is not None and journey.phase is JourneyPhase.RELOCALISE:
             gap = site.cabin.inverse() @ state.map_from_base
@@ -402,7 +403,8 @@ class Traveller:
             taken_over=bool(hand),
             at_rest=abs(twist.v) < _AT_REST and abs(twist.omega) < _AT_REST,
             in_cabin=site is not None and inside is not None and site.holds(inside),
-            clear_of_lift=site is None or inside is None or self._is_clear(site, inside),
+            clear_of_lift=bool(beyond.all()),
+            in_doorway=bool(beyond.any() and not beyond.all()),
             door=self._heard.door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
             riding=self._motion.riding,
@@ -412,10 +414,9 @@ class Traveller:
             doubted=self._heard.uncertain and not self._is_aboard(journey),
         )
 
-    def _is_clear(self, site: LiftSite, cabin_from_base: Pose2) -> bool:
-        """Return whether the whole chair is out of cabin and doorway."""
-        corners = transform_points(cabin_from_base, self._body.outline())
-        return bool((corners[:, 0] > site.door_ahead + 0.05).all())
+    def _beyond_door(self, site: LiftSite, cabin_from_base: Pose2) -> BoolArray:
+        """Return which corners of the chair are out of cabin and doorway, (N,)."""
+        return transform_points(cabin_from_base, self._body.outline())[:, 0] > site.door_ahead + 0.05
 
     def _is_free(self, site: LiftSite, cabin_from_base: Pose2, state: ChairState) -> bool | None:
         """Return whether the chair can turn in the cabin, as far as the lidar sees; None without a scan."""

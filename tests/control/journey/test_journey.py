@@ -333,6 +333,12 @@ def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -
     )  # until the door rests
 
 
+def test_a_chair_that_was_stopped_in_the_doorway_leaves_though_it_sees_no_door_from_there() -> None:
+    between = {"storey": "1", "door": DoorView(), "clear_of_lift": False, "in_cabin": True}
+    assert after(JourneyPhase.LEAVE, view(**between), leg=1)[1].goal is None
+    assert after(JourneyPhase.LEAVE, view(in_doorway=True, **between), leg=1)[1].goal == BED
+
+
 @pytest.mark.parametrize(
     "phase",
     [phase for phase in JourneyPhase if phase not in (JourneyPhase.ARRIVED, JourneyPhase.FAILED, JourneyPhase.HELD)],
