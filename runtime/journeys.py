@@ -25,6 +25,7 @@ from waychair.control.journey.journey import (
     JourneyPhase,
     JourneyView,
     Leg,
+    Standing,
     begun,
     cancel,
     go_on,
@@ -43,7 +44,7 @@ from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.travel_ports import LiftPort, TravellingChair
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import BoolArray, DriveMode, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
+from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
 
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
@@ -390,7 +391,6 @@ class Traveller:
         hand = "you drive by the joystick" if pushed and not self._heard.stopped else hold
         twist = state.twist
         inside = None if site is None else self._cabin_from_base(journey, site, state)
-        beyond = np.ones(1, np.bool_) if site is None or inside is None else self._beyond_door(site, inside)
         localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
         if localised and site is not None and inside is not None and journey.phase is JourneyPhase.RELOCALISE:
             gap = site.cabin.inverse() @ state.map_from_base
@@ -403,8 +403,7 @@ class Traveller:
             taken_over=bool(hand),
             at_rest=abs(twist.v) < _AT_REST and abs(twist.omega) < _AT_REST,
             in_cabin=site is not None and inside is not None and site.holds(inside),
-            clear_of_lift=bool(beyond.all()),
-            in_doorway=bool(beyond.any() and not beyond.all()),
+            standing=Standing.CLEAR if site is None or inside is None else self._standing(site, inside),
             door=self._heard.door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
             riding=self._motion.riding,
@@ -414,9 +413,11 @@ class Traveller:
             doubted=self._heard.uncertain and not self._is_aboard(journey),
         )
 
-    def _beyond_door(self, site: LiftSite, cabin_from_base: Pose2) -> BoolArray:
-        """Return which corners of the chair are out of cabin and doorway, (N,)."""
-        return transform_points(cabin_from_base, self._body.outline())[:, 0] > site.door_ahead + 0.05
+    def _standing(self, site: LiftSite, cabin_from_base: Pose2) -> Standing:
+        """Return where the chair stands by its outline."""
+        corners = transform_points(cabin_from_base, self._body.outline())
+        beyond = corners[:, 0] > site.door_ahead + 0.05
+        return Standing.CLEAR if beyond.all() else Standing.DOORWAY if beyond.any() else Standing.INSIDE
 
     def _is_free(self, site: LiftSite, cabin_from_base: Pose2, state: ChairState) -> bool | None:
         """Return whether the chair can turn in the cabin, as far as the lidar sees; None without a scan."""

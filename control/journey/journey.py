@@ -86,15 +86,22 @@ class DriveProgress(enum.Enum):
     ENDED = "ended"  # the rider, Stop or a fault
 
 
+class Standing(enum.Enum):
+    """Where a chair stands beside its lift."""
+
+    INSIDE = "inside"  # its front is not beyond the doorway
+    DOORWAY = "doorway"  # its front is, but not the whole of it
+    CLEAR = "clear"  # the whole of it is, or there is no lift
+
+
 @dataclass(frozen=True, slots=True)
 class JourneyView:
     """What a step knows of the chair.
 
-    `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift, `clear_of_lift`: the whole chair is
-    out of it; `in_doorway`: its front is. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `riding`: the
-    IMU feels a ride. `chances`: probabilities of the
-    lift's stops; of those in `without_map` there is none. `localised`: the pose on the present map is certain. `doubted`: the
-    chair has been in a lift without its door in sight and open, though this journey did not ride there.
+    `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift. `cabin_free`: the lidar sees nothing
+    where the chair will stand, None if it cannot tell. `riding`: the IMU feels a ride. `chances`: probabilities of the lift's
+    stops; of those in `without_map` there is none. `localised`: the pose on the present map is certain. `doubted`: the chair has
+    been in a lift without its door in sight and open, though this journey did not ride there.
     """
 
     now_ns: int
@@ -104,8 +111,7 @@ class JourneyView:
     taken_over: bool = False
     at_rest: bool = True
     in_cabin: bool = False
-    clear_of_lift: bool = True
-    in_doorway: bool = False
+    standing: Standing = Standing.CLEAR
     door: DoorView = field(default_factory=DoorView)
     cabin_free: bool | None = True
     riding: bool = False
@@ -113,6 +119,11 @@ class JourneyView:
     without_map: frozenset[str] = frozenset()
     localised: bool = False
     doubted: bool = False
+
+    @property
+    def clear_of_lift(self) -> bool:
+        """Whether the whole chair is out of its lift."""
+        return self.standing is Standing.CLEAR
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,7 +442,9 @@ def _order(journey: Journey, view: JourneyView) -> JourneyOrder:
         return JourneyOrder("finds its place on the map", hold=True)
     if journey.phase is JourneyPhase.LEAVE:
         quiet = view.door.door is Door.OPEN and view.door.still_s(view.now_ns) >= QUIET_S
-        drives = view.drive is DriveProgress.UNDER_WAY or quiet or view.in_doorway  # from there it sees no door
+        drives = (
+            view.drive is DriveProgress.UNDER_WAY or quiet or view.standing is Standing.DOORWAY
+        )  # from there it sees no door
         return JourneyOrder(
             "leaves the lift", goal=here.goal if drives else None, key=(journey.leg, journey.drives), hold=True
         )

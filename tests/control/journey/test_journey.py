@@ -21,6 +21,7 @@ from waychair.control.journey.journey import (
     JourneyPhase,
     JourneyView,
     Leg,
+    Standing,
     begun,
     cancel,
     go_on,
@@ -43,7 +44,7 @@ def door(kind: Door, since_s: float, now_s: float = 100.0) -> DoorView:
 OPEN, CLOSED, MOVING = door(Door.OPEN, 5.0), door(Door.CLOSED, 5.0), door(Door.PART, 0.0)
 
 
-INSIDE = {"in_cabin": True, "clear_of_lift": False}
+INSIDE = {"in_cabin": True, "standing": Standing.INSIDE}
 
 
 def view(**changes: object) -> JourneyView:
@@ -60,8 +61,8 @@ def after(phase: JourneyPhase, seen: JourneyView, **changes: object) -> tuple[Jo
 
 def test_a_journey_takes_all_its_steps_in_order() -> None:
     inside, above = (
-        {"in_cabin": True, "clear_of_lift": False},
-        {"storey": "1", "in_cabin": True, "clear_of_lift": False},
+        {"in_cabin": True, "standing": Standing.INSIDE},
+        {"storey": "1", "in_cabin": True, "standing": Standing.INSIDE},
     )
     seen = [
         view(drive=DriveProgress.ARRIVED, door=CLOSED),
@@ -134,12 +135,14 @@ def test_nobody_enters_within_two_seconds_of_a_leafs_motion_or_a_full_cabin() ->
 def test_a_door_that_closes_stops_an_entry_from_outside_only() -> None:
     outside, order = after(JourneyPhase.ENTER, view(drive=DriveProgress.UNDER_WAY, door=MOVING))
     assert (outside.phase, order.goal) == (JourneyPhase.WAIT, None)
-    between, order = after(JourneyPhase.ENTER, view(drive=DriveProgress.UNDER_WAY, door=MOVING, clear_of_lift=False))
+    between, order = after(
+        JourneyPhase.ENTER, view(drive=DriveProgress.UNDER_WAY, door=MOVING, standing=Standing.INSIDE)
+    )
     assert (between.phase, order.goal) == (JourneyPhase.ENTER, CABIN)
 
 
 def test_a_chair_makes_way_for_somebody_whom_it_sees_only_in_the_door_and_calls_again() -> None:
-    between = {"door": OPEN, "drive": DriveProgress.UNDER_WAY, "clear_of_lift": False}
+    between = {"door": OPEN, "drive": DriveProgress.UNDER_WAY, "standing": Standing.INSIDE}
     crowded = view(cabin_free=False, **between)
     journey, _ = after(JourneyPhase.ENTER, crowded, tries=1)
     assert journey.phase is JourneyPhase.ENTER
@@ -148,7 +151,7 @@ def test_a_chair_makes_way_for_somebody_whom_it_sees_only_in_the_door_and_calls_
     back, order = step(journey, later)
     assert (back.phase, order.goal, order.hold) == (JourneyPhase.DRIVE, LOBBY, True)
     assert order.key != step(journey, crowded)[1].key
-    there = replace(later, drive=DriveProgress.ARRIVED, clear_of_lift=True)
+    there = replace(later, drive=DriveProgress.ARRIVED, standing=Standing.CLEAR)
     calls, order = step(back, there)
     assert (calls.phase, order.call) == (JourneyPhase.CALL, None)  # first the lift goes
     gone, order = step(calls, replace(there, door=CLOSED))
@@ -156,7 +159,7 @@ def test_a_chair_makes_way_for_somebody_whom_it_sees_only_in_the_door_and_calls_
 
 
 def test_a_drive_into_the_lift_that_fails_is_tried_again_from_the_lobby_and_the_rider_is_asked_at_last() -> None:
-    failed = view(drive=DriveProgress.FAILED, why="no way", door=OPEN, in_cabin=True, clear_of_lift=False)
+    failed = view(drive=DriveProgress.FAILED, why="no way", door=OPEN, in_cabin=True, standing=Standing.INSIDE)
     assert after(JourneyPhase.ENTER, failed, tries=1)[0].phase is JourneyPhase.DRIVE
     last, order = after(JourneyPhase.ENTER, failed, tries=MOST_TRIES)
     assert (last.phase, order.sentence) == (JourneyPhase.HELD, "no way; press Go on to continue")
@@ -232,7 +235,7 @@ def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None
 def test_a_car_that_is_called_away_while_the_chair_waits_to_leave_makes_the_storey_uncertain_again(
     away: dict[str, object],
 ) -> None:
-    inside = {"storey": "1", "in_cabin": True, "clear_of_lift": False}
+    inside = {"storey": "1", "in_cabin": True, "standing": Standing.INSIDE}
     rides, order = after(JourneyPhase.LEAVE, view(**inside, **away), leg=1)
     assert (rides.phase, rides.here.lift, order.goal, order.call) == (JourneyPhase.RIDE, "A", None, "1")
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
@@ -310,7 +313,7 @@ def test_a_journey_ends_once_the_chair_has_been_shut_in_another_lift(phase: Jour
 
 
 def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() -> None:
-    inside = {"in_cabin": True, "clear_of_lift": False}
+    inside = {"in_cabin": True, "standing": Standing.INSIDE}
     rides, order = after(JourneyPhase.RIDE, view(door=CLOSED, **inside), since_ns=0, closed=True)
     assert (rides.phase, order.goal) == (JourneyPhase.RIDE, None)
     late = view(now_ns=round((RIDES_WITHIN_S + 1.0) * S), door=CLOSED, **inside)
@@ -320,7 +323,7 @@ def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() ->
 
 
 def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -> None:
-    between = {"storey": "1", "drive": DriveProgress.UNDER_WAY, "door": MOVING, "clear_of_lift": False}
+    between = {"storey": "1", "drive": DriveProgress.UNDER_WAY, "door": MOVING, "standing": Standing.INSIDE}
     goes_on, order = after(JourneyPhase.LEAVE, view(**between), leg=1)
     assert (goes_on.phase, order.goal) == (JourneyPhase.LEAVE, BED)
     waits, _ = after(JourneyPhase.LEAVE, view(in_cabin=True, **between), leg=1)
@@ -334,9 +337,9 @@ def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -
 
 
 def test_a_chair_that_was_stopped_in_the_doorway_leaves_though_it_sees_no_door_from_there() -> None:
-    between = {"storey": "1", "door": DoorView(), "clear_of_lift": False, "in_cabin": True}
+    between = {"storey": "1", "door": DoorView(), "standing": Standing.INSIDE, "in_cabin": True}
     assert after(JourneyPhase.LEAVE, view(**between), leg=1)[1].goal is None
-    assert after(JourneyPhase.LEAVE, view(in_doorway=True, **between), leg=1)[1].goal == BED
+    assert after(JourneyPhase.LEAVE, view(**between | {"standing": Standing.DOORWAY}), leg=1)[1].goal == BED
 
 
 @pytest.mark.parametrize(
