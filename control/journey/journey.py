@@ -251,6 +251,8 @@ def _call(journey: Journey, view: JourneyView) -> Journey:
 
 
 def _wait(journey: Journey, view: JourneyView) -> Journey:
+    if view.at_rest and not view.clear_of_lift:  # it came to rest in the doorway, from where it sees no door
+        return _back(journey, view)
     if view.door.door in (Door.CLOSED, Door.UNSEEN) and _lasts_s(journey, view) > 1.0:
         return _to(journey, JourneyPhase.CALL, view.now_ns, tries=journey.tries)
     free = view.cabin_free is True
@@ -283,8 +285,12 @@ def _enter(journey: Journey, view: JourneyView) -> Journey:
         )
     if view.clear_of_lift:  # the chair is in nobody's way: wait for the door again
         return _to(journey, JourneyPhase.WAIT, view.now_ns, tries=journey.tries)
-    back = _to(journey, JourneyPhase.DRIVE, view.now_ns, tries=journey.tries)  # to the lobby, and call again
-    return replace(back, drives=journey.drives + 1)
+    return _back(journey, view)
+
+
+def _back(journey: Journey, view: JourneyView) -> Journey:
+    """Return a journey that drives back to the lobby, to call again."""
+    return replace(_to(journey, JourneyPhase.DRIVE, view.now_ns, tries=journey.tries), drives=journey.drives + 1)
 
 
 def _ride(journey: Journey, view: JourneyView) -> Journey:

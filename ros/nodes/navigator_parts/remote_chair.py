@@ -33,6 +33,11 @@ CONFIRMS_WITHIN_S = 5.0
 AGAIN_S = 1.0
 """s; a request that was not answered is repeated after this time."""
 
+SILENT_S = 0.4
+"""s; a bridge whose last report is older does not drive: so a drive ends by its fault before the navigator gives it up (0.5 s), and
+the rider lets the journey go on.
+"""
+
 PAGE_S = 1.0
 """s; a page that was heard so lately is open: the drive ends when no page with a Stop button is left."""
 
@@ -203,8 +208,10 @@ class RemoteChair:
         self._follow_confirmation(now)
         self._pose = now.map_from_base or self._pose
         state = now.state
-        mode = DriveMode.MANUAL if state is None else state.mode
-        reason = "the bridge does not answer" if state is None else state.reason or state.last_stop
+        if state is None or now.stamp_ns - state.stamp_ns > SILENT_S * _NS:
+            mode, reason = DriveMode.MANUAL, "the bridge does not answer"
+        else:
+            mode, reason = state.mode, state.reason or state.last_stop
         if self._confirm_ns is not None:
             mode, reason = DriveMode.AUTONOMOUS, ""  # the drive is about to begin
         steered = state is not None and (state.pushed or state.steered)

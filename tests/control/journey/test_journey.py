@@ -336,6 +336,13 @@ def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -
     )  # until the door rests
 
 
+def test_a_chair_that_came_to_rest_in_the_doorway_before_a_closing_door_goes_back_to_the_lobby() -> None:
+    brakes = view(door=MOVING, standing=Standing.DOORWAY, at_rest=False)
+    assert after(JourneyPhase.WAIT, brakes, tries=1)[0].phase is JourneyPhase.WAIT
+    back, order = after(JourneyPhase.WAIT, replace(brakes, at_rest=True), tries=1)
+    assert (back.phase, back.tries, order.goal, order.hold) == (JourneyPhase.DRIVE, 1, LOBBY, True)
+
+
 def test_a_chair_that_was_stopped_in_the_doorway_leaves_though_it_sees_no_door_from_there() -> None:
     between = {"storey": "1", "door": DoorView(), "standing": Standing.INSIDE, "in_cabin": True}
     assert after(JourneyPhase.LEAVE, view(**between), leg=1)[1].goal is None
