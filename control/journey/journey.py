@@ -448,9 +448,8 @@ def _order(journey: Journey, view: JourneyView) -> JourneyOrder:
         return JourneyOrder("finds its place on the map", hold=True)
     if journey.phase is JourneyPhase.LEAVE:
         quiet = view.door.door is Door.OPEN and view.door.still_s(view.now_ns) >= QUIET_S
-        drives = (
-            view.drive is DriveProgress.UNDER_WAY or quiet or view.standing is Standing.DOORWAY
-        )  # from there it sees no door
+        sees_door = view.standing is Standing.INSIDE  # not from the doorway, nor beyond it
+        drives = view.drive is DriveProgress.UNDER_WAY or quiet or not sees_door
         return JourneyOrder(
             "leaves the lift", goal=here.goal if drives else None, key=(journey.leg, journey.drives), hold=True
         )

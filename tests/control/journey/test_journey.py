@@ -127,9 +127,9 @@ def test_nobody_enters_within_two_seconds_of_a_leafs_motion_or_a_full_cabin() ->
     assert after(JourneyPhase.WAIT, view(door=OPEN, cabin_free=False))[0].phase is JourneyPhase.WAIT
     assert after(JourneyPhase.WAIT, view(door=OPEN, cabin_free=None))[0].phase is JourneyPhase.WAIT
     assert after(JourneyPhase.WAIT, view(door=OPEN))[0].phase is JourneyPhase.ENTER
-    order = after(JourneyPhase.LEAVE, view(storey="1", door=door(Door.OPEN, 1.0), in_cabin=True), leg=1)[1]
+    order = after(JourneyPhase.LEAVE, view(storey="1", door=door(Door.OPEN, 1.0), **INSIDE), leg=1)[1]
     assert order.goal is None
-    assert after(JourneyPhase.LEAVE, view(storey="1", door=OPEN, in_cabin=True), leg=1)[1].goal == BED
+    assert after(JourneyPhase.LEAVE, view(storey="1", door=OPEN, **INSIDE), leg=1)[1].goal == BED
 
 
 def test_a_door_that_closes_stops_an_entry_from_outside_only() -> None:
@@ -346,7 +346,8 @@ def test_a_chair_that_came_to_rest_in_the_doorway_before_a_closing_door_goes_bac
 def test_a_chair_that_was_stopped_in_the_doorway_leaves_though_it_sees_no_door_from_there() -> None:
     between = {"storey": "1", "door": DoorView(), "standing": Standing.INSIDE, "in_cabin": True}
     assert after(JourneyPhase.LEAVE, view(**between), leg=1)[1].goal is None
-    assert after(JourneyPhase.LEAVE, view(**between | {"standing": Standing.DOORWAY}), leg=1)[1].goal == BED
+    for standing in (Standing.DOORWAY, Standing.CLEAR):
+        assert after(JourneyPhase.LEAVE, view(**between | {"standing": standing}), leg=1)[1].goal == BED
 
 
 @pytest.mark.parametrize(
