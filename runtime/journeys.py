@@ -282,8 +282,7 @@ class Traveller:
                 self._motion.stands()
         view, before = self._view(self.journey, site, state), self.journey
         self.journey, order = step(before, view)
-        held = self.journey.phase is JourneyPhase.HELD
-        rides = JourneyPhase.RIDE in (self.journey.phase, self.journey.resume if held else None)
+        rides = self.journey.going is JourneyPhase.RIDE
         if rides and not self._heard.uncertain:
             self._doubt(certain=False)
         if rides and self._aboard.leg != self.journey.leg and site is not None:
@@ -296,10 +295,11 @@ class Traveller:
     def _looks_after_cabin(self, state: ChairState) -> bool:
         """Return whether the journey knows of the lift in which the chair is: it rides in it, or drives in or out of it."""
         journey = self.journey
-        if journey is None or self._is_aboard(journey):
-            return journey is not None
+        if journey is None:
+            return False
         site = self._site(journey)
-        return site is not None and site.holds(self._cabin_from_base(journey, site, state))
+        in_cabin = site is not None and site.holds(self._cabin_from_base(journey, site, state))
+        return in_cabin or self._is_aboard(journey)
 
     def _watch_cabin(self, state: ChairState) -> None:
         """Doubt the storey of a chair that no journey looks after once the door of the lift in which it is is not seen open."""
@@ -315,14 +315,10 @@ class Traveller:
 
     def _site(self, journey: Journey) -> LiftSite | None:
         """Return the lift that the journey is about, on the map in use."""
-        lift, phase = journey.here.lift, journey.resume if journey.phase is JourneyPhase.HELD else journey.phase
-        if phase is JourneyPhase.LEAVE or (phase is JourneyPhase.DRIVE and not lift):
-            lift = journey.legs[max(journey.leg - 1, 0)].lift
-        return self._sites.get((lift, self.storey))
+        return self._sites.get((journey.legs[journey.lift_leg].lift, self.storey))
 
     def _is_aboard(self, journey: Journey) -> bool:
-        held = journey.phase is JourneyPhase.HELD and journey.resume in IN_THE_CAR
-        return (journey.phase in IN_THE_CAR or held) and self._aboard.leg == journey.leg
+        return journey.going in IN_THE_CAR and self._aboard.leg == journey.leg
 
     def _cabin_from_base(self, journey: Journey, site: LiftSite, state: ChairState) -> Pose2:
         if self._is_aboard(journey):  # the map may be the wrong one

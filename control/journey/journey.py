@@ -179,6 +179,17 @@ class Journey:
         return self.legs[min(self.leg + 1, len(self.legs) - 1)].storey
 
     @property
+    def going(self) -> JourneyPhase:
+        """The phase that goes on: the present one, or that to which `go_on` leads."""
+        return self.resume if self.phase is JourneyPhase.HELD else self.phase
+
+    @property
+    def lift_leg(self) -> int:
+        """The leg whose lift the journey is about: the present one, but where the chair drives away from the lift before."""
+        away = self.going is JourneyPhase.LEAVE or (self.going is JourneyPhase.DRIVE and not self.here.lift)
+        return max(self.leg - 1, 0) if away else self.leg
+
+    @property
     def ended(self) -> bool:
         """Whether nothing more will happen."""
         return self.phase in ENDED
@@ -197,10 +208,8 @@ def cancel(journey: Journey, now_ns: int) -> Journey:
     """Return a journey that the rider has cancelled: in the car it still finds out the storey."""
     if journey.ended:
         return journey
-    inside = journey.phase in IN_THE_CAR or (journey.phase is JourneyPhase.HELD and journey.resume in IN_THE_CAR)
-    if inside:
-        phase = journey.resume if journey.phase is JourneyPhase.HELD else journey.phase
-        return replace(journey, cancelled=True, phase=phase)
+    if journey.going in IN_THE_CAR:
+        return replace(journey, cancelled=True, phase=journey.going)
     return _to(journey, JourneyPhase.FAILED, now_ns, why="the journey was cancelled: choose a goal to drive on")
 
 
@@ -371,8 +380,8 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
 
 def _ridden(journey: Journey, view: JourneyView) -> Journey:
     """Return a journey whose car may leave now, called by somebody: the storey is uncertain, and found out as after any ride."""
-    leg = max(journey.leg - 1, 0) if journey.phase is JourneyPhase.LEAVE else _boarded(journey)
-    return replace(_to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries), leg=leg, closed=True)
+    ride = _to(journey, JourneyPhase.RIDE, view.now_ns, tries=journey.tries)
+    return replace(ride, leg=journey.lift_leg, closed=True)
 
 
 def _hold(journey: Journey, view: JourneyView) -> Journey:
@@ -383,15 +392,10 @@ def _hold(journey: Journey, view: JourneyView) -> Journey:
     if view.in_cabin or (journey.resume in IN_THE_CAR and view.taken_over and view.clear_of_lift):
         journey = replace(journey, out=not view.in_cabin)
     if view.in_cabin and journey.resume is JourneyPhase.DRIVE:
-        return replace(journey, leg=_boarded(journey), resume=JourneyPhase.RIDE)
+        return replace(journey, leg=journey.lift_leg, resume=JourneyPhase.RIDE)
     if journey.resume is JourneyPhase.LEAVE and view.in_cabin and _car_leaves(view):
-        return replace(journey, leg=max(journey.leg - 1, 0), resume=JourneyPhase.WHICH)
+        return replace(journey, leg=journey.lift_leg, resume=JourneyPhase.WHICH)
     return journey
-
-
-def _boarded(journey: Journey) -> int:
-    """Return the leg of the lift in whose cabin a chair is on a drive: to its lift, or else away from the one before."""
-    return journey.leg if journey.here.lift else max(journey.leg - 1, 0)
 
 
 def _car_leaves(view: JourneyView) -> bool:

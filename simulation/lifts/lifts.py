@@ -245,9 +245,9 @@ class Lifts:
 
     def _is_aboard(self, who: Passenger, known: CallableLift, level: str) -> bool:
         """Return whether a passenger is in the cabin at a level: also one that had not reached its place, or not got out."""
-        if not who.here or who.doing is Doing.RIDES:
-            return who.here
-        return known.stops[who.stop] == level and known.cabins[level].holds(Pose2(who.x, who.y))
+        if who.doing is Doing.RIDES:
+            return True
+        return who.here and known.stops[who.stop] == level and known.cabins[level].holds(Pose2(who.x, who.y))
 
     def _obstruction(self, known: CallableLift, level: str, car: Car) -> LeafObstruction:
         """Return what is in the way of the leaves' next step, and note the chairs that they press on."""

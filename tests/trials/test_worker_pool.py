@@ -13,7 +13,7 @@ from waychair.errors import WorkerLost
 from waychair.trials.worker_pool import worker_pool
 
 _PARENT = """
-import os, sys, time
+import os, time
 from waychair.trials.worker_pool import worker_pool
 
 if __name__ == "__main__":

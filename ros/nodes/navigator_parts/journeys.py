@@ -31,7 +31,7 @@ from rclpy.task import Future
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.journey.door_view import SHUT_IN
-from waychair.control.journey.journey import JourneyPhase
+from waychair.control.journey.journey import DOUBTED, JourneyPhase
 from waychair.errors import BuildingError, WaychairError
 from waychair.planning.building.beacon_places import storey_of_beacon
 from waychair.ros import topics
@@ -162,7 +162,7 @@ class Journeys:
         self._tell(journey, state)
         floor = self._driver.now().floor
         if not (journey.traveller.aboard or journey.chair.changes_floor or floor is None or floor.certain):
-            self._end("the storey is not certain any more: say which one it is, then ask for the goal again")
+            self._end(DOUBTED)
             return
         if state.journey is not None and state.journey.ended:
             arrived = state.journey.phase is JourneyPhase.ARRIVED

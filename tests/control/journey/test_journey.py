@@ -60,10 +60,7 @@ def after(phase: JourneyPhase, seen: JourneyView, **changes: object) -> tuple[Jo
 
 
 def test_a_journey_takes_all_its_steps_in_order() -> None:
-    inside, above = (
-        {"in_cabin": True, "standing": Standing.INSIDE},
-        {"storey": "1", "in_cabin": True, "standing": Standing.INSIDE},
-    )
+    inside, above = INSIDE, {"storey": "1", **INSIDE}
     seen = [
         view(drive=DriveProgress.ARRIVED, door=CLOSED),
         view(door=OPEN),
@@ -235,7 +232,7 @@ def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None
 def test_a_car_that_is_called_away_while_the_chair_waits_to_leave_makes_the_storey_uncertain_again(
     away: dict[str, object],
 ) -> None:
-    inside = {"storey": "1", "in_cabin": True, "standing": Standing.INSIDE}
+    inside = {"storey": "1", **INSIDE}
     rides, order = after(JourneyPhase.LEAVE, view(**inside, **away), leg=1)
     assert (rides.phase, rides.here.lift, order.goal, order.call) == (JourneyPhase.RIDE, "A", None, "1")
     elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
@@ -313,7 +310,7 @@ def test_a_journey_ends_once_the_chair_has_been_shut_in_another_lift(phase: Jour
 
 
 def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() -> None:
-    inside = {"in_cabin": True, "standing": Standing.INSIDE}
+    inside = INSIDE
     rides, order = after(JourneyPhase.RIDE, view(door=CLOSED, **inside), since_ns=0, closed=True)
     assert (rides.phase, order.goal) == (JourneyPhase.RIDE, None)
     late = view(now_ns=round((RIDES_WITHIN_S + 1.0) * S), door=CLOSED, **inside)
@@ -344,7 +341,7 @@ def test_a_chair_that_came_to_rest_in_the_doorway_before_a_closing_door_goes_bac
 
 
 def test_a_chair_that_was_stopped_in_the_doorway_leaves_though_it_sees_no_door_from_there() -> None:
-    between = {"storey": "1", "door": DoorView(), "standing": Standing.INSIDE, "in_cabin": True}
+    between = {"storey": "1", "door": DoorView(), **INSIDE}
     assert after(JourneyPhase.LEAVE, view(**between), leg=1)[1].goal is None
     for standing in (Standing.DOORWAY, Standing.CLEAR):
         assert after(JourneyPhase.LEAVE, view(**between | {"standing": standing}), leg=1)[1].goal == BED
