@@ -83,6 +83,12 @@ class StickMotion:
         speeds = self.lines.speeds((self.lines.count(volts[0]), self.lines.count(volts[1])))
         return Twist((speeds.left + speeds.right) / 2.0, (speeds.right - speeds.left) / self.track)
 
+    @property
+    def bend(self) -> float:
+        """Turn [rad/m, left positive] of a straight push, which the calibration knows of."""
+        ahead = self.twist(1.0, 0.0)
+        return ahead.omega / ahead.v if ahead.v > 0.0 else 0.0
+
     def deflection(self, twist: Twist) -> tuple[float, float]:
         """Return the deflection (forward, turn) of a twist, each in [-1, 1]; rest is (0, 0).
 

@@ -75,6 +75,7 @@ class StopTable(Measured):
 
     speeds: tuple[float, ...] = measured((), "m/s", "measured, of the axle")
     distances: tuple[float, ...] = measured((), "m", "worst way to rest, with margin")
+    ways: tuple[float, ...] = measured((), "m", "worst way of the axle alone, with margin; empty: not measured apart")
     turn_rate: float = measured(0.0, "rad/s", "fastest spin whose stop was measured", low=0.0, high=10.0)
     turn_angle: float = measured(0.0, "rad", "worst turn to rest from it, with margin", low=0.0, high=20.0)
     delay_s: float = measured(0.0, "s", "worst time from Stop to the first effect", low=0.0, high=5.0)
@@ -86,6 +87,9 @@ class StopTable(Measured):
         longer = all(a <= b for a, b in zip(self.distances, self.distances[1:], strict=False))
         if not (self.speeds and len(self.speeds) == len(self.distances) and rising and longer):
             raise CalibrationError("the table of stops has gaps or falls: measure the stops again")
+        apart = all(0.0 < way <= whole for way, whole in zip(self.ways, self.distances, strict=False))
+        if self.ways and not (apart and len(self.ways) == len(self.speeds)):
+            raise CalibrationError("the ways of the axle do not belong to the table of stops: measure the stops again")
         if not all(math.isfinite(value) and value > 0.0 for value in values):
             raise CalibrationError("the table of stops holds a value that is not a positive number: measure again")
 
@@ -100,6 +104,12 @@ class StopTable(Measured):
                 f"no stop from {speed:g} m/s was measured: drive at most {self.speeds[-1]:g} m/s, or measure it"
             )
         return float(np.interp(abs(speed), (0.0, *self.speeds), (0.0, *self.distances)))
+
+    def way(self, speed: float) -> float:
+        """Return the worst way of the axle to rest [m]; that of any part where it was not measured apart. As `distance`."""
+        if not self.ways:
+            return self.distance(speed)
+        return float(np.interp(abs(speed), (0.0, *self.speeds), (0.0, *self.ways)))
 
 
 def permitted_speed(stops: StopTable | None, free_m: float = math.inf) -> float:
@@ -169,14 +179,16 @@ def stop_table(stops: Iterable[MeasuredStop], corner_m: float, settings: StopSet
     settings = settings or StopSettings()
     stops = tuple(stops)
     spins = [s for s in stops if abs(s.v) < 0.5 * settings.slowest]
-    rows = sorted((abs(s.v), s.distance_m + s.angle_rad * corner_m) for s in stops if s not in spins)
+    rows = sorted((abs(s.v), s.distance_m + s.angle_rad * corner_m, s.distance_m) for s in stops if s not in spins)
     speeds: list[float] = []
     distances: list[float] = []
-    for speed, distance in rows:
+    ways: list[float] = []
+    for speed, distance, way in rows:
         if not speeds or speed > 1.05 * speeds[-1]:
             speeds.append(speed)
             distances.append(0.0)
-        distances[-1] = max(distances[-1], distance)
+            ways.append(0.0)
+        distances[-1], ways[-1] = max(distances[-1], distance), max(ways[-1], way)
     if len(speeds) < 2 or not spins:
         raise ThinData(
             f"stops from {len(speeds)} speeds and {len(spins)} spins are too few: measure two speeds and a spin or more"
@@ -185,6 +197,7 @@ def stop_table(stops: Iterable[MeasuredStop], corner_m: float, settings: StopSet
     return StopTable(
         speeds=tuple(speeds),
         distances=tuple((np.maximum.accumulate(distances) * more + MARGIN_M).tolist()),
+        ways=tuple((np.maximum.accumulate(ways) * more + MARGIN_M).tolist()),
         turn_rate=max(abs(s.omega) for s in spins),
         turn_angle=max(s.angle_rad for s in spins) * more + MARGIN_M / corner_m,
         delay_s=max(s.delay_s for s in stops),

@@ -26,20 +26,31 @@ def before_wall(step: Step, along: float, body: ChairBody) -> float:
     return at.x - HALF_WALL - body.front - along
 
 
-def off_aim(step: Step, there: Pose2, body: ChairBody) -> float:
-    """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg."""
+def drift_in_door(body: ChairBody, veer: float) -> float:
+    """Return how far [m, left positive] a veer [rad/m] shifts the chair's middle line aside, on average, while it passes a wall.
+
+    From the front at the wall to the drive axle in it the line shifts by twice as much there, whatever the heading.
+    """
+    return 0.25 * veer * body.front**2
+
+
+def off_aim(step: Step, there: Pose2, body: ChairBody, veer: float) -> float:
+    """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg.
+
+    A door's aim is its middle, less what the chair veers in it.
+    """
     if step.door is not None and before_wall(step, there.x, body) > -IN_DOOR:
         at = step.start.inverse() @ step.door.map_from_door
-        target = (max(at.x, there.x + LEAST_AIM), at.y)
+        target = (max(at.x, there.x + LEAST_AIM), at.y - drift_in_door(body, veer))
     else:
         target = (there.x + LOOK_AHEAD, 0.0)
     return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - there.theta)
 
 
-def course_error(step: Step, now: GuideInputs, body: ChairBody) -> float:
+def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> float:
     """Return the error of the course [rad, left positive] when a stick that is held now takes effect."""
     way = Pose2(max(now.twist.v, 0.0) * HOLDS_S, 0.0, now.twist.omega * HOLDS_S)
-    return off_aim(step, step.start.inverse() @ now.pose @ way, body)
+    return off_aim(step, step.start.inverse() @ now.pose @ way, body, veer)
 
 
 def room_askew(step: Step, turned: float, body: ChairBody) -> float:

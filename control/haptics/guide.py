@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.course import before_wall, course_error, off_aim, on_leg, room_askew
+from waychair.control.haptics.course import before_wall, course_error, drift_in_door, off_aim, on_leg, room_askew
 from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
@@ -124,7 +124,8 @@ class _Tick:
     def run(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Return guidance and memory."""
         guidance, after = self._phase(state)
-        hold = stick_hold(self.plan, after, self.now, self.guide.body, self._since_obeyed(after))
+        veer = self.guide.rider.veer_per_m
+        hold = stick_hold(self.plan, after, self.now, self.guide.body, veer, self._since_obeyed(after))
         return replace(guidance, hold=hold), after
 
     def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
@@ -338,7 +339,7 @@ class _Tick:
             return self._quiet(reason, state)
         if state.said in SWIVELS:
             return self._say(Symbol.FORWARD, reason, state)  # a hand that still turns must not be nudged
-        present = course_error(step, self.now, self.guide.body)
+        present = course_error(step, self.now, self.guide.body, self.guide.rider.veer_per_m)
         if present * state.nudged <= 0.0:
             state = replace(state, nudged=0)
         in_vain = self.now.holds and abs(state.nudged) >= IN_VAIN
@@ -350,7 +351,7 @@ class _Tick:
             return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))
         if drives:
             state = replace(state, ignored=0, still_ns=None)
-        limit = max(LEAST_ERROR, NUDGE_SHARE * self.guide.rider.nudge)
+        limit = self._tolerated(error)
         side = Symbol.NUDGE_LEFT if error > 0.0 else Symbol.NUDGE_RIGHT
         if not drives:
             return self._from_rest(state, error, side, reason)
@@ -362,6 +363,13 @@ class _Tick:
         if self._silent_s(state) > REPEAT_S and not ends_soon:
             return self._say(Symbol.FORWARD, reason, state)
         return self._quiet(reason, state)
+
+    def _tolerated(self, error: float) -> float:
+        """Return the error [rad] up to which no nudge is worth while; less on the side to which the chair would be off anyway."""
+        rider, v = self.guide.rider, max(self.now.twist.v, 0.0)
+        limit = max(LEAST_ERROR, NUDGE_SHARE * rider.nudge)
+        grows = -math.copysign(1.0, error) * rider.veer_per_m * v * KEEPS_WAITING_S
+        return max(limit - max(grows, 0.0), 0.5 * limit)
 
     def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[GuideWord, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
@@ -414,10 +422,10 @@ class _Tick:
         along, aside, turned = on_leg(step, self.now.pose)
         on_way = sum(each.turn * min(1.0, (each.done_ns - now.now_ns) * 1e-9 / NUDGING_S) for each in state.nudges)
         drives = now.twist.v > STILL_V
-        heading = turned + on_way + (rider.veer * ahead_s if drives else 0.0) + self._still_to_turn(state)
         way = now.twist.v * ahead_s
+        heading = turned + on_way + (rider.veer_per_m * way if drives else 0.0) + self._still_to_turn(state)
         there = Pose2(along + way, aside + way * math.sin(turned + 0.5 * (heading - turned)), heading)
-        return off_aim(step, there, self.guide.body), there
+        return off_aim(step, there, self.guide.body, rider.veer_per_m), there
 
     def _still_to_turn(self, state: GuideState) -> float:
         """Return how far [rad] a turn on the spot still goes on until the symbol that ends it is obeyed."""
@@ -452,6 +460,7 @@ class _Tick:
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y
+        offset += drift_in_door(self.guide.body, self.guide.rider.veer_per_m)
         turned = wrap_angle(course.theta - at.theta)
         if state.aim is None:
             return replace(state, aim=Aim(offset, turned, 1))

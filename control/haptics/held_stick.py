@@ -32,11 +32,11 @@ from waychair.planning.steps.step import StepKind, StepPlan
 
 
 def stick_hold(
-    plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, since_obeyed_s: float
+    plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, veer: float, since_obeyed_s: float
 ) -> StickHold:
     """Return how the stick is best held. `since_obeyed_s`: since the last symbol should have been obeyed, negative before."""
-    front, obeys = _front(plan, state, now, body), since_obeyed_s < OBEYED_S
-    error = _error(plan, state, now, body, obeys)
+    front, obeys = _front(plan, state, now, body, veer), since_obeyed_s < OBEYED_S
+    error = _error(plan, state, now, body, veer, obeys)
     if error is None:
         return StickHold(front)
     held = ALL if (state.phase is LeadingPhase.TURN or obeys) and abs(now.twist.v) < STILL_V else DRIFT
@@ -48,7 +48,9 @@ def stick_hold(
     )
 
 
-def _error(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, obeys: bool) -> float | None:
+def _error(
+    plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, veer: float, obeys: bool
+) -> float | None:
     """Return the error of the heading asked for [rad, left positive] when a stick that is held now takes effect, if any.
 
     `obeys`: the last symbol may still be on its way to the hand.
@@ -57,7 +59,7 @@ def _error(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody,
         return _turn_error(state, now)
     if state.phase is LeadingPhase.BACK:
         return 0.0 if obeys or now.twist.v < -STILL_V else None  # straight back
-    return None if state.phase is LeadingPhase.DONE else course_error(plan.steps[state.step], now, body)
+    return None if state.phase is LeadingPhase.DONE else course_error(plan.steps[state.step], now, body, veer)
 
 
 def _turn_error(state: GuideState, now: GuideInputs) -> float | None:
@@ -70,12 +72,18 @@ def _turn_error(state: GuideState, now: GuideInputs) -> float | None:
     return error if -PASSED < left < HELD_FROM else None
 
 
-def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody) -> float:
-    """Return the cap ahead at a door that is near, in its own step or in the last part of the leg to its pivotal point: in its
-    step the less the farther the chair is off its course."""
+def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, veer: float) -> float:
+    """Return the cap ahead. A driver who has not felt that a leg ends is held where a turn on the spot or the arrival begins.
+
+    It is less at a door that is near, in its own step or in the last part of the leg to its pivotal point: in its step the less
+    the farther the chair is off its course.
+    """
     step = plan.steps[state.step]
-    following = plan.steps[state.step + 1 : state.step + 3]
     along, _, _ = on_leg(step, now.pose)
+    ends = step.kind in (StepKind.PIVOT, StepKind.ARRIVED) and state.phase is not LeadingPhase.BACK
+    if ends and along + max(now.twist.v, 0.0) * HOLDS_S > 0.0:
+        return 0.0
+    following = plan.steps[state.step + 1 : state.step + 3]
     near = step.kind is StepKind.PIVOT or step.length - along < SLOW_BEFORE
     doors = [each for each in (step, *(following if near else ())) if each.door is not None]
     if not doors:
@@ -85,5 +93,5 @@ def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody)
         return cap
     if state.phase is LeadingPhase.TURN:
         return 0.0  # nearer to the door there would be less room to turn
-    off = (abs(course_error(step, now, body)) - LEAST_ERROR) / (STRAIGHT_ENOUGH - LEAST_ERROR)
+    off = (abs(course_error(step, now, body, veer)) - LEAST_ERROR) / (STRAIGHT_ENOUGH - LEAST_ERROR)
     return cap + min(max(off, 0.0), 1.0) * (CREEPS - cap)

@@ -160,13 +160,14 @@ class RiderLearner:
             self._add("nudge", side * float(np.trapezoid(during[:, 1] - drift, during[:, 0])))
 
     def _look_at_veer(self, now_s: float) -> None:
-        """Take the rate of each piece of straight driving without a nudge."""
+        """Take the bend of each piece of straight driving without a nudge."""
         acts = [
             ends + self.model.lag_s + AFTER_S for _, ends in self._nudges if now_s > ends + self.model.lag_s - BEFORE_S
         ]
         self._free_s = max(self._free_s, self._disturbed_s, *acts, -math.inf)
         if now_s - self._free_s >= FREE_S:
-            self._add("veer", float(self._rates(self._free_s, now_s)[:, 1].mean()))
+            piece = np.array([row for row in self._motion if self._free_s <= row[0] <= now_s])
+            self._add("veer_per_m", float(piece[:, 2].mean() / piece[:, 1].mean()))
             self._free_s = now_s
 
     def _look_at(self, said: _Waiting) -> None:

@@ -11,14 +11,14 @@ class RiderModel:
     """One rider on one chair.
 
     `lag_s`: from a pattern's end until the chair obeys, counted so that the way made meanwhile is speed times lag: reaction,
-    hand and chair together. `nudge` [rad]: the turn by one nudge. `swivel` [rad/s]: the rate of a turn on the spot. `veer`
-    [rad/s]: turn rate while the rider means to drive straight, hand and chair together, left positive. `speed` [m/s].
+    hand and chair together. `nudge` [rad]: the turn by one nudge. `swivel` [rad/s]: the rate of a turn on the spot. `veer_per_m`
+    [rad/m]: turn while the rider means to drive straight, hand and chair together, left positive. `speed` [m/s].
     """
 
     lag_s: float = 0.65
     nudge: float = math.radians(2.4)
     swivel: float = 0.5
-    veer: float = 0.0
+    veer_per_m: float = 0.0
     speed: float = 0.3
 
 
@@ -26,7 +26,7 @@ LIMITS = {
     "lag_s": (0.3, 1.6),
     "nudge": (math.radians(1.0), math.radians(10.0)),
     "swivel": (0.15, 1.5),
-    "veer": (-0.08, 0.08),
+    "veer_per_m": (-0.3, 0.3),
     "speed": (0.08, 0.8),
 }
 """Least and greatest value of each; whatever a drive seems to show, nothing outside is learnt."""

@@ -91,7 +91,7 @@ def stoppable_along(
     share, contact_s = _comfortable(points, slim, push, body, settings, gave_way, BESIDE_HAND)
     for _ in range(_HALVINGS):
         slower = Twist(share * push.v, share * push.omega)
-        if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops):
+        if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops, apart=True):
             return share
         share /= 2.0
     return 0.0
@@ -217,7 +217,9 @@ _DEEP = 0.05
 """m; a point so far inside the footprint is no noise at its edge."""
 
 
-def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
+def stop_seconds(
+    command: Twist, settings: MonitorSettings, stops: StopTable | None = None, *, apart: bool = False
+) -> float:
     """Return the driving time [s] at full speed over the distance of an emergency stop.
 
     Braking both speeds in proportion keeps the arc, and its distance is half the braking time at full speed. A measured
@@ -229,7 +231,8 @@ def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | N
         return reckoned
     fastest = stops.speeds[-1]
     known = min(max(v, 1e-6), fastest)
-    straight = stops.distance(known) / known * max(1.0, v / fastest) if v > 0.0 else 0.0
+    way = stops.way if apart else stops.distance
+    straight = way(known) / known * max(1.0, v / fastest) if v > 0.0 else 0.0
     turning = (
         stops.turn_angle / stops.turn_rate * max(1.0, omega / stops.turn_rate) if omega and stops.turn_rate else 0.0
     )

@@ -101,16 +101,24 @@ class Unscanned:
 
 @dataclass(frozen=True, slots=True)
 class Pushes:
-    """Full pushes of the stick to the front, the rear, the left and the right, with their twists, of which caps are made."""
+    """Full pushes of the stick to the front, the rear, the left and the right, with their twists, of which caps are made.
+
+    The twists have the chair's own `bend` [rad/m] in them (`own_bend`).
+    """
 
     deflections: tuple[tuple[float, float], ...]
     twists: tuple[Twist, ...]
+    bend: float = 0.0
 
 
-def pushes_of(stick: JoystickInput, motion: StickMotion) -> Pushes:
-    """Return the pushes to judge for a stick's position; a position that is no number counts as rest."""
+def pushes_of(stick: JoystickInput, motion: StickMotion, bend: float = 0.0) -> Pushes:
+    """Return the pushes to judge for a stick's position, on a chair that bends by so much beyond it [rad/m].
+
+    A position that is no number counts as rest.
+    """
     deflections = _deflections(stick.forward, stick.turn)
-    return Pushes(deflections, tuple(motion.twist(*each) for each in deflections))
+    twists = (motion.twist(*each) for each in deflections)
+    return Pushes(deflections, tuple(Twist(each.v, each.omega + bend * each.v) for each in twists), bend)
 
 
 def _deflections(forward: float, turn: float) -> tuple[tuple[float, float], ...]:
@@ -156,7 +164,7 @@ def caps_of(
         )
         fastest = max(abs(twist.v), abs(twist.omega) * body.circumscribed_radius)
         share = share if share * fastest >= LEAST_SPEED else 0.0
-        forward, turn = motion.deflection(Twist(share * twist.v, share * twist.omega))
+        forward, turn = motion.deflection(Twist(share * twist.v, share * (twist.omega - pushes.bend * twist.v)))
         part = forward if at < 2 else turn
         asked = pushes.deflections[at][0 if at < 2 else 1]
         caps.append(1.0 if share >= 1.0 and abs(asked) >= 1.0 else abs(part))

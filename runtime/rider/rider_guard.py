@@ -20,6 +20,7 @@ from waychair.control.safety.guard import (
     crept,
     pushes_of,
 )
+from waychair.control.safety.own_bend import OwnBend
 from waychair.control.safety.sight_speed import Sector
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.caps import STALE_CAP, Caps
@@ -63,6 +64,7 @@ class RiderGuard:
         self._pushes: Pushes | None = None
         self._hold: tuple[StickHold, int] | None = None
         self._override: PressedOverride | None = None
+        self._bend = OwnBend()
 
     @property
     def wanted(self) -> bool:
@@ -126,7 +128,8 @@ class RiderGuard:
         if motion is None or stick is None:
             self._override = None
             return Caps()
-        pushes = pushes_of(stick, motion)
+        self._bend = self._bend.after(now_ns, stick.turn, measured, motion.bend)
+        pushes = pushes_of(stick, motion, self._bend.bend)
         self._monitor.judge_pushes(pushes.twists, measured, now_ns)
         answer = self._monitor.pushes
         fresh = answer is not None and 0 <= now_ns - answer.stamp_ns <= VERDICT_MS * 1_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -74,8 +75,19 @@ def test_the_table_is_the_worst_of_all_directions_plus_the_margin() -> None:
     table = stop_table(stops, 0.8)
     assert table.speeds == (0.30, 0.60)
     assert table.distances == pytest.approx((0.14 * 1.2 + 0.03, (0.40 + 0.2 * 0.8) * 1.2 + 0.03))
+    assert table.ways == pytest.approx(
+        (0.14 * 1.2 + 0.03, 0.40 * 1.2 + 0.03)
+    )  # a turn's corner is judged by its own arc
+    assert table.way(0.45) == pytest.approx(sum(table.ways) / 2)
+    assert TABLE.way(0.6) == TABLE.distance(0.6)  # measured before the two were told apart
     assert table.delay_s == 0.20
     assert (table.turn_rate, table.turn_angle) == pytest.approx((0.6, 0.3 * 1.2 + 0.03 / 0.8))
+
+
+@pytest.mark.parametrize("ways", [(0.1,), (0.1, 0.5, 0.9), (0.0, 0.4, 0.9), (0.1, 0.4, math.nan)])
+def test_ways_that_do_not_belong_to_the_table_are_refused(ways: tuple[float, ...]) -> None:
+    with pytest.raises(CalibrationError, match="measure the stops again"):
+        replace(TABLE, ways=ways)
 
 
 def test_stops_from_one_speed_or_without_a_spin_are_refused() -> None:

@@ -50,7 +50,7 @@ class PlainDriver:
             if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
                 self._nudged.append((now_s + 0.2, side * rider.nudge / 0.2))
             elif symbol is Symbol.FORWARD:
-                self._held = Twist(rider.speed, rider.veer)
+                self._held = Twist(rider.speed, rider.veer_per_m * rider.speed)
             elif symbol is Symbol.BACK:
                 self._held = Twist(-rider.speed, 0.0)
             elif symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT):
@@ -154,7 +154,7 @@ def through(door: DoorPassage, start: Pose2 = HERE) -> StepPlan:
 
 def test_a_door_is_passed_in_its_middle_by_odometry_alone_despite_a_veer() -> None:
     door = DoorPassage(Pose2(4.0, 0.5, math.radians(10.0)), 0.8)
-    driver = PlainDriver(Pose2(), RiderModel(veer=math.radians(1.5)))
+    driver = PlainDriver(Pose2(), RiderModel(veer_per_m=math.radians(5.0)))
     plan = through(door)
     offsets = []
     guide_drive = driven(plan, driver)
@@ -167,7 +167,7 @@ def test_a_door_is_passed_in_its_middle_by_odometry_alone_despite_a_veer() -> No
 
 def test_a_guard_that_holds_the_stick_leads_a_drifting_hand_with_weak_nudges_through_a_door() -> None:
     door = DoorPassage(Pose2(3.5), 0.8)
-    drifting = RiderModel(nudge=math.radians(0.4), veer=math.radians(-4.5), speed=0.25)
+    drifting = RiderModel(nudge=math.radians(0.4), veer_per_m=math.radians(-18.0), speed=0.25)
     drives = []
     for held in (False, True):
         plan = through(door, Pose2(0.0, 0.4))

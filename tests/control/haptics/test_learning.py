@@ -52,7 +52,7 @@ def test_lag_nudge_swivel_and_veer_are_found_within_the_bars() -> None:
     assert abs(learner.model.lag_s - 0.85) < 0.08
     assert abs(learner.model.nudge - math.radians(4.5)) < math.radians(1.0)
     assert abs(learner.model.swivel - 0.7) < 0.05
-    assert abs(learner.model.veer - 0.03) < 0.01
+    assert abs(learner.model.veer_per_m - 0.1) < 0.03
 
 
 def test_symbols_without_an_answer_do_not_spoil_the_figures_but_are_counted() -> None:

@@ -409,6 +409,11 @@ def test_measured_stops_that_are_longer_than_assumed_count() -> None:
     assert stop_seconds(Twist(0.8, 0.0), S, table) == pytest.approx(1.4 / 0.8)
     assert stop_seconds(Twist(0.0, 0.8), S, table) == pytest.approx(0.9 / 0.8)
     assert stop_seconds(Twist(1.6, 0.0), S, table) == pytest.approx(2 * 1.4 / 0.8)  # beyond the measured speeds
+    apart = replace(table, ways=(0.3, 0.9))
+    assert stop_seconds(Twist(0.8, 0.0), S, apart) == pytest.approx(1.4 / 0.8)
+    assert stop_seconds(Twist(0.8, 0.0), S, apart, apart=True) == pytest.approx(0.9 / 0.8)
+    assert stop_seconds(Twist(0.1, 0.8), S, apart, apart=True) == pytest.approx(0.9 / 0.8)  # the turn's own stop
+    assert stop_seconds(Twist(0.8, 0.0), S, table, apart=True) == pytest.approx(1.4 / 0.8)
     short = StopTable(speeds=(0.4, 0.8), distances=(0.01, 0.02), turn_rate=0.8, turn_angle=0.01, delay_s=0.0)
     assert stop_seconds(Twist(0.8, 0.0), S, short) == stop_seconds(Twist(0.8, 0.0), S)
 

@@ -12,6 +12,7 @@ from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
 from waychair.control.safety.collision_monitor import Monitor
 from waychair.control.safety.guard import CREEP, OVERRIDE_S, PressedOverride, Unscanned, caps_of, crept, pushes_of
+from waychair.control.safety.own_bend import MOST, OwnBend
 from waychair.control.safety.sight_speed import Sector, UnseenSettings
 from waychair.firmware_bridge.caps import Caps, StickMotion
 from waychair.firmware_bridge.line_counts import LineCounts
@@ -53,6 +54,39 @@ def test_a_share_of_the_monitor_is_a_deflection_beyond_the_dead_band_and_none_is
     assert half.v == pytest.approx(0.5 * STICK.twist(1.0, 0.0).v, abs=0.02)
     assert STICK.twist(0.0, -caps.right).omega == pytest.approx(0.25 * STICK.twist(0.0, -1.0).omega, abs=0.05)
     assert caps.front > 0.5
+
+
+def test_pushes_are_judged_along_the_chairs_own_bend_but_capped_by_the_stick_alone() -> None:
+    """A chair that bends to the right meets a jamb that lies beside its straight way; a bend to the left leads off it."""
+    jamb = np.array([[0.5 + 0.002 * k, -CHAIR_A.width / 2 - 0.02] for k in range(5)])
+    fronts = {}
+    for bend in (-0.16, 0.0, 0.16):
+        pushes = pushes_of(JoystickInput(0, 0.3, 0.0), STICK, bend)
+        assert pushes.twists[FRONT].omega == pytest.approx((STICK.bend + bend) * pushes.twists[FRONT].v)
+        seen = tuple(stoppable_along(jamb, np.zeros(5, np.bool_), each, CHAIR_A, MONITOR) for each in pushes.twists)
+        fronts[bend] = caps_of(pushes, seen, ALL_ROUND, NOTHING, STICK, CHAIR_A, MONITOR, UNSEEN).front
+    assert fronts[0.0] == fronts[0.16] == pytest.approx(1.0)
+    assert fronts[-0.16] < 0.3
+
+
+def test_the_own_bend_is_learnt_from_straight_driving_alone() -> None:
+    found, now_ns = OwnBend(), 0
+    for turn, twist in (
+        (0.3, Twist(0.2, 0.3)),
+        (0.0, Twist(0.2, 0.3)),
+        (0.0, Twist(0.02, 0.3)),
+        (0.0, Twist(math.nan, 0.3)),
+    ):
+        for _ in range(7):  # a turn of the stick, the hand that has just let go, a chair at rest, numbers that are none
+            now_ns += 50_000_000
+            found = found.after(now_ns, turn, twist, 0.0)
+    assert found.bend == 0.0
+    for _ in range(60):
+        now_ns += 50_000_000
+        found = found.after(now_ns, 0.0, Twist(0.2, -0.04), -0.05)
+    assert found.bend == pytest.approx(-0.15, abs=0.03)
+    assert found.after(now_ns + 50_000_000, 0.0, Twist(0.1, -9.0), 0.0).bend >= -MOST
+    assert found.after(now_ns + 50_000_000, 0.5, Twist(0.2, 0.4), 0.0).bend == found.bend
 
 
 def test_the_push_that_the_stick_makes_is_judged_along_its_arc() -> None:

@@ -80,8 +80,8 @@ def test_a_chair_that_counts_no_touches_says_so_by_an_empty_field(tmp_path: Path
 def test_what_was_learnt_is_kept_for_its_owner_alone_and_forgotten_at_will(tmp_path: Path) -> None:
     path = tmp_path / "learnt.json"
     learner = RiderLearner()
-    learner.restore({"lag_s": [0.9] * 12, "veer": [5.0]}, {("forward", "back"): 2})
-    assert (learner.model.lag_s, learner.model.veer) == (0.9, RiderModel().veer)  # a veer of 5 rad/s is nobody's
+    learner.restore({"lag_s": [0.9] * 12, "veer_per_m": [5.0]}, {("forward", "back"): 2})
+    assert (learner.model.lag_s, learner.model.veer_per_m) == (0.9, 0.0)  # a veer of 5 rad/m is nobody's
     save_learner(path, learner)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     known = load_learner(path)
