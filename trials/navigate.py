@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -136,7 +137,10 @@ def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> W
     """
     rng = np.random.default_rng(seed)
     roomy = (distance_field(world.grid).metres > radius + 2 * world.grid.resolution) & (world.grid.cells >= 0)
-    free = points_from_cells(world.grid, np.argwhere(roomy))
+    edge = math.ceil(radius / world.grid.resolution) + 1  # the border of a grid is solid to people
+    within = np.zeros_like(roomy)
+    within[edge:-edge, edge:-edge] = True
+    free = points_from_cells(world.grid, np.argwhere(roomy & within))
     free = free[np.hypot(*(free - (world.start.x, world.start.y)).T) > _CLEAR_OF_START]
     walkers: list[PersonPlan] = []
     for _ in range(count):

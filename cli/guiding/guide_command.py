@@ -64,7 +64,7 @@ def guide_command(
     from waychair.calibration.chair_body import CHAIR_A
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
-    from waychair.trials.guiding.guided import GuidedSetup, guided_drive
+    from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_drive
     from waychair.trials.guiding.guided_report import save_report, summary
     from waychair.trials.navigate import world_with_people
     from waychair.types import HelpLevel
@@ -81,7 +81,7 @@ def guide_command(
         level=HelpLevel(level),
         layout=layout,
         seed=seed,
-        sees=rider == "stick",
+        told=RiderTold.SEES if rider == "stick" else RiderTold.GUIDED,
     )
     record = guided_drive(setup, to, 60.0 * minutes)
     if out is not None:

@@ -43,6 +43,7 @@ from waychair.control.haptics.guide_numbers import (
     NUDGES,
     NUDGING_S,
     OBEYED_S,
+    OPEN_TRIES,
     PASSED,
     QUIET_S,
     REPEAT_S,
@@ -484,7 +485,7 @@ class _Tick:
     def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
-        if state.tries >= MOST_TRIES:
+        if state.tries >= (OPEN_TRIES if step.door is None else MOST_TRIES):
             return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
         along, _, _ = on_leg(step, self.now.pose)
         until = along - BACK_FROM_THINGS

@@ -71,8 +71,9 @@ CREEPS = 0.12
 SHUFFLE = 0.3
 """m; way straight back or ahead when the chair cannot turn on."""
 
-MOST_TRIES = 12
-"""Tries at one door, and shuffles at one turn, before the guide asks for other steps."""
+MOST_TRIES, OPEN_TRIES = 12, 2
+"""Tries at one door, and shuffles at one turn, before the guide asks for other steps; and tries where other ways are likely: on a
+leg without a door."""
 
 ASTRAY = 0.5
 """m; farther beside the leg new steps are wanted."""

@@ -7,13 +7,23 @@ touch carries, and it neither anticipates nor falls silent.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from waychair.control.behaviours.commands import Signal, SignalKind
+from waychair.control.behaviours.commands import (
+    WORDS,
+    Move,
+    Signal,
+    SignalKind,
+    move_words,
+    sector_middles,
+    signal_words,
+)
 from waychair.control.behaviours.glove import GloveLayout, encode_signal
+from waychair.control.behaviours.sonar import Obstacle
 from waychair.control.haptics.advice import GAP_NS, MILLISECOND_NS
 from waychair.control.haptics.patterns import STRENGTHS
-from waychair.control.haptics.symbols import PRIORITY, Symbol
+from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.firmware_bridge.glove.messages import STEPS_MAX, PlayStep
 
 AGAIN_NS = 2_000_000_000
@@ -38,6 +48,35 @@ class PaperPlay:
     def duration_ns(self) -> int:
         """The time that it takes, without the gap after it."""
         return sum(step.on_ms + step.off_ms for step in self.steps) * MILLISECOND_NS
+
+
+def told_as_advice(signal: Signal, number: int, now_ns: int) -> Advice:
+    """Return a signal as the piece of advice that comes nearest to it, for page and record; its words are the reason."""
+    symbol, direction = _OF_KIND[signal.kind], None
+    if signal.kind is SignalKind.DIRECTION:
+        direction = signal.orientation
+        if signal.move is Move.SWIVEL:
+            symbol = Symbol.SWIVEL_LEFT if direction >= 0.0 else Symbol.SWIVEL_RIGHT
+    elif signal.kind is SignalKind.SPACE:
+        nearest = max(range(len(signal.classes)), key=signal.classes.__getitem__)
+        direction = sector_middles(len(signal.classes))[nearest]
+    return Advice(symbol, number, now_ns, direction, signal_words(signal))
+
+
+def paper_codes() -> Mapping[str, tuple[PlayStep, ...]]:
+    """Return the codes that a person has to learn, by the paper's words: eight directions, two swivels, warning, obstacles."""
+    middles = sector_middles()
+    signals = {
+        move_words(move, angle): Signal(SignalKind.DIRECTION, move=move, orientation=angle)
+        for move, angles in ((Move.GO, middles), (Move.SWIVEL, (1.0, -1.0)))
+        for angle in angles
+    }
+    signals["warning"] = Signal(SignalKind.WARNING)
+    for k, word in enumerate(WORDS):
+        near = tuple(int(Obstacle.IMMEDIATE if k == each else Obstacle.FAR) for each in range(len(WORDS)))
+        signals[f"obstacle {word}"] = Signal(SignalKind.SPACE, classes=near)
+    played = {name: paper_play(signal, GloveLayout(middles)) for name, signal in signals.items()}
+    return {name: play.steps for name, play in played.items() if play is not None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,11 @@ class HapticsProfile(Settings):
     touch: bool = setting(True, "", "whether advice is felt")
     speech: bool = setting(True, "", "whether advice is spoken")
     tones: bool = setting(False, "", "whether advice is heard as tones")
+    advice: str = setting(
+        "guide",
+        "",
+        "guide: the steps and symbols of this chair; paper: the signals of the source paper's cells, for comparison",
+    )
     wording: str = setting("short", "", "short: a word or two; full: a sentence with the reason")
     rate: int = setting(175, "words/min", "rate of the speech; larger: faster", low=80, high=450)
     volume: float = setting(0.8, "", "volume of speech and tones; larger: louder", low=0.0, high=1.0)
@@ -38,9 +43,17 @@ class HapticsProfile(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
+        _check_choice("advice", self.advice, ["guide", "paper"])
+        if self.advice == "paper" and self.layout != "glove_3x3":
+            raise ConfigError(f"the paper's signals have no code for the layout '{self.layout}': choose glove_3x3")
         _check_choice("hand", self.hand, [hand.name.lower() for hand in Hand])
         _check_choice("wording", self.wording, [wording.value for wording in Wording])
         _check_choice("level", self.level, [level.value for level in HelpLevel])
+
+    @property
+    def as_paper(self) -> bool:
+        """Whether the rider feels the paper's own signals."""
+        return self.advice == "paper"
 
     def fitting(self) -> Fitting:
         """Return the fitting of the device.

@@ -82,16 +82,19 @@ def stoppable_along(
     stops: StopTable | None = None,
     *,
     gave_way: bool = False,
+    scanned: bool = False,
 ) -> float:
     """Return the share of a push, a twist that is not driven yet, from which the chair stops in comfort before points (N, 2)
     [m] in base, and in any case by its measured stops; 0 where not even a crawl can be stopped.
 
-    A hand does not hold its line as the computer does: beside it, `BESIDE_HAND` is kept at any speed.
+    A hand does not hold its line as the computer does: beside it, `BESIDE_HAND` is kept at any speed. The points of a scan
+    (`scanned`) are exact to the centimetre, so that way and turn of a stop count apart; those of a map or a camera may be
+    half a cell or an error of the pose nearer, and the longer stop of any part of the chair counts.
     """
     share, contact_s = _comfortable(points, slim, push, body, settings, gave_way, BESIDE_HAND)
     for _ in range(_HALVINGS):
         slower = Twist(share * push.v, share * push.omega)
-        if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops, apart=True):
+        if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops, apart=scanned):
             return share
         share /= 2.0
     return 0.0
@@ -223,7 +226,8 @@ def stop_seconds(
     """Return the driving time [s] at full speed over the distance of an emergency stop.
 
     Braking both speeds in proportion keeps the arc, and its distance is half the braking time at full speed. A measured
-    stop counts where it is longer than the one reckoned from the settings.
+    stop counts where it is longer than the one reckoned from the settings; with `apart` by its way and its turn, each along the
+    arc, instead of the way of the farthest part of the chair.
     """
     v, omega = abs(command.v), abs(command.omega)
     reckoned = settings.reaction_s + 0.5 * max(v / settings.emergency, omega / settings.emergency_alpha)

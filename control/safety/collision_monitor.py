@@ -166,10 +166,10 @@ class Monitor:
         return tuple(self._stoppable(points, slim, twist) for twist in twists)
 
     def _stoppable(self, points: FloatArray, slim: BoolArray, push: Twist) -> float:
-        free = stoppable_along(points, slim, push, self._body, self._settings, self._stops)
+        free = stoppable_along(points, slim, push, self._body, self._settings, self._stops, scanned=True)
         if free > 0.0 or not slim.any():
             return free
-        return stoppable_along(points, slim, push, self._body, self._settings, self._stops, gave_way=True)
+        return stoppable_along(points, slim, push, self._body, self._settings, self._stops, gave_way=True, scanned=True)
 
     def _unfit(self, now_ns: int) -> str:
         """Return the id of the stop of a lidar that cannot be judged by; empty for one that can."""

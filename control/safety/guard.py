@@ -4,7 +4,8 @@ The rider drives; the caps slow or stop, and never steer. For each of the four d
 push that the stick makes now, stretched to the end of the swing, and straight pushes in the other directions. Of its
 twist three shares are taken, and the least counts: that of the collision monitor, that of unseen space, and that of the
 points that no scan shows: drop-offs, things that sonars or depth camera have seen, and what the map shows where no
-sensor looks. A drop-off is told to the board as
+sensor looks. No push is faster than `FULL_SPEED`, up to which clearances are known: from more, nobody who steps out could be
+spared. A drop-off is told to the board as
 one, because the rider cannot override it.
 """
 
@@ -22,6 +23,7 @@ from waychair.control.safety.sight_speed import Sector, UnseenSettings, in_view,
 from waychair.firmware_bridge.bridge import AT_REST
 from waychair.firmware_bridge.caps import Caps, StickMotion
 from waychair.geometry import transform_points
+from waychair.planning.body.clearance import FULL_SPEED
 from waychair.types import FloatArray, HelpLevel, JoystickInput, Pose2, Twist
 
 GUARDED = (HelpLevel.GUARD, HelpLevel.GUIDE)
@@ -163,6 +165,7 @@ def caps_of(
             _share(things, twist, body, monitor, stops),
         )
         fastest = max(abs(twist.v), abs(twist.omega) * body.circumscribed_radius)
+        share = min(share, FULL_SPEED / max(fastest, FULL_SPEED))
         share = share if share * fastest >= LEAST_SPEED else 0.0
         forward, turn = motion.deflection(Twist(share * twist.v, share * (twist.omega - pushes.bend * twist.v)))
         part = forward if at < 2 else turn

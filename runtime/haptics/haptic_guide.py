@@ -41,6 +41,10 @@ NOT_SEEN = "the lidar shows nothing: stop, and wait until it does"
 
 BEGUN_ANEW = "the odometry has begun anew: choose the door again"
 
+AS_PAPER = (
+    "this rider is told by the paper's signals, which lead to no place: write advice: guide into the rider's file"
+)
+
 _LEAP = 0.5
 """m; no chair drives so far in a tick."""
 
@@ -178,6 +182,8 @@ class HapticGuide:
 
     def step(self, now: HapticInputs) -> HapticState:
         """Run one tick: decide on the advice, say it where it is due, and return the channels' state."""
+        if self._teller.as_paper:
+            return self._step_as_paper(now)
         withheld = self._withheld(now)
         pose = self._pose(now)
         guidance = None if withheld or pose is None else self.leader.step(_inputs(now, pose))
@@ -195,6 +201,20 @@ class HapticGuide:
         self.state = self._state(now, guidance, told, sentence, withheld)
         if self.session is not None:
             self.session.note(now, self.state, asked=again is not None)
+        return self.state
+
+    def _step_as_paper(self, now: HapticInputs) -> HapticState:
+        """Run one tick for a rider who feels the paper's own signals, which lead to no place."""
+        if self.leader.goal is not None:
+            self.leader.end(AS_PAPER)
+        told = self._teller.tell_as_paper(None if now.computer_drives else now.signal, now.now_ns)
+        sentence = self._sentence(None, None, now)
+        if sentence:
+            self._teller.announce(sentence, now.now_ns)
+        self._asked = _Asked()
+        self.state = self._state(now, None, told, sentence, "")
+        if self.session is not None:
+            self.session.note(now, self.state, asked=False)
         return self.state
 
     def _withheld(self, now: HapticInputs) -> str:

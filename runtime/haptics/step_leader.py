@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase
@@ -23,11 +23,22 @@ from waychair.types import Goal, Place, Pose2, Twist
 REPLANS = 8
 """Plans in a row without a step that was done, after which the rider is no longer led."""
 
+REFUSALS = 3
+"""Times in a row that other steps were wanted and none were found, after which the rider is told so."""
+
 AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
 
 LOOK_NS = 1_000_000_000
 """ns between two looks at the steps on ground that grows."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Vain:
+    """Plans in a row without a step that was done, and wishes for other steps in a row to which there were none."""
+
+    plans: int = 0
+    refused: int = 0
 
 
 class StepLeader:
@@ -53,7 +64,7 @@ class StepLeader:
         self._plan: StepPlan | None = None
         self._planning: Future[StepPlan] | None = None
         self._memory = self._before = GuideState()
-        self._replans = 0
+        self._vain = _Vain()
         self._grows, self._looked_ns = False, 0
 
     def lead(self, goal: Place, ground: AskGround, *, grows: bool = False) -> None:
@@ -67,7 +78,7 @@ class StepLeader:
         self._planned = StepPlanner(Goal(goal.pose), goal.pose), ground
         self._plan = self._planning = None
         self._memory = self._before = GuideState(number=self._memory.number)
-        self._replans = 0
+        self._vain = _Vain()
 
     def end(self, reason: str) -> None:
         """Lead no longer."""
@@ -151,8 +162,9 @@ class StepLeader:
 
     def _ask_anew(self, why: str, pose: Pose2) -> None:
         """Ask for steps from here, unless that has led nowhere for too often."""
-        self._replans = 0 if self._memory.step > 0 else self._replans + 1
-        if self._replans > REPLANS:
+        again = 0 if self._memory.step > 0 else self._vain.plans + 1
+        self._vain = _Vain(again, self._vain.refused + 1)
+        if again > REPLANS:
             self.end(f"{why}: the steps do not lead on from here; choose the place again, or let the chair drive")
             return
         self._ask(pose)
@@ -190,12 +202,13 @@ class StepLeader:
         try:
             plan = planning.result()
         except PlanningError as error:
-            if self._plan is None:
+            if self._plan is None or self._vain.refused >= REFUSALS:
                 self.end(str(error))
             else:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
         if plan is self._plan:
             return  # it was looked at, and is good still
+        self._vain = replace(self._vain, refused=0)
         memory, self._plan = self._memory, plan
         self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

@@ -8,12 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from waychair.control.behaviours.commands import Signal, sector_middles
+from waychair.control.behaviours.glove import GloveLayout
 from waychair.control.haptics.advice import AdviceMemory, advise, valid_ms
+from waychair.control.haptics.paper_preset import PaperMemory, paper_advice, told_as_advice
 from waychair.control.haptics.patterns import TouchVocabulary, vocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.control.haptics.words import Wording, advice_words
 from waychair.firmware_bridge.glove.bridge import GloveBridge
+from waychair.firmware_bridge.glove.messages import PlayStep
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.sounds import Sounds
 
@@ -23,13 +27,14 @@ REPEAT_OFFER = "say or press repeat to hear it again"
 
 @dataclass(frozen=True, slots=True)
 class ToldAdvice:
-    """One tick: the advice that was said, in words for the page, and why it was not felt, if it was not.
+    """One tick: the advice that was said, in words for the page, its pattern, and why it was not felt, if it was not.
 
     `offer`: the sentence with which advice fell silent; `repeats` and `yes`: presses of the glove's buttons.
     """
 
     said: Advice | None = None
     text: str = ""
+    steps: tuple[PlayStep, ...] = ()
     unfelt: str = ""
     offer: str = ""
     yes: int = 0
@@ -39,8 +44,14 @@ class ToldAdvice:
 class Teller:
     """One rider's channels. `memory` knows the last symbol said, `notices` what is amiss now."""
 
-    def __init__(self, profile: HapticsProfile, glove: GloveBridge | None, sounds: Sounds | None) -> None:
-        """`glove` and `sounds` are None where there are none.
+    def __init__(
+        self,
+        profile: HapticsProfile,
+        glove: GloveBridge | None,
+        sounds: Sounds | None,
+        words: TouchVocabulary | None = None,
+    ) -> None:
+        """`glove` and `sounds` are None where there are none; `words` are the shipped patterns of the layout by default.
 
         Raises:
             GloveError: the layout is not known.
@@ -50,18 +61,15 @@ class Teller:
         self._profile = profile
         self._glove = glove if profile.touch else None
         self._sounds = sounds
-        self._words = vocabulary(profile.layout)
+        self._words = words or vocabulary(profile.layout)
+        self._paper = PaperMemory()
+        self._signals = 0
 
     def tick(
         self, wanted: Sequence[Advice], now_ns: int, *, asked: bool = False, reacted: bool | None = None
     ) -> ToldAdvice:
         """Say the advice that is due now; arguments as of `advise`. The glove's button "repeat" asks as well."""
-        yes = repeats = 0
-        if self._glove is not None:
-            self._glove.tick(now_ns, armed=True)
-            yes, repeats = self._glove.presses.yes, self._glove.presses.repeat
-        if self._sounds is not None:
-            self._sounds.tick(now_ns)
+        yes, repeats = self._begin_tick(now_ns)
         asked = asked or repeats > 0
         done, self.memory = advise(wanted, self._words, self.memory, now_ns, asked=asked, reacted=reacted)
         if done.stop and self._glove is not None:
@@ -72,6 +80,37 @@ class Teller:
                 self._sounds.tell(offer, None, now_ns, interrupts=False)
             return ToldAdvice(offer=offer, yes=yes, repeats=repeats)
         return replace(self._say(done.say, now_ns, done.interrupts), yes=yes, repeats=repeats)
+
+    def tell_as_paper(self, signal: Signal | None, now_ns: int) -> ToldAdvice:
+        """Play the signal of the behaviour cells by the paper's own code, when it changes or has held for a while.
+
+        It is felt only: the paper has no words.
+        """
+        yes, repeats = self._begin_tick(now_ns)
+        play, told = None, ToldAdvice(yes=yes, repeats=repeats)
+        if signal is not None:
+            static = GloveLayout(sector_middles(len(signal.classes)) if signal.classes else ())
+            play, self._paper = paper_advice(signal, static, self._paper, now_ns)
+        if signal is None or play is None:
+            return told
+        self._signals += 1
+        advice = told_as_advice(signal, self._signals, now_ns)
+        unfelt = self._feel(play.steps, play.priority, PAPER_VALID_MS, now_ns)
+        return replace(told, said=advice, text=advice.reason, steps=play.steps, unfelt=unfelt)
+
+    @property
+    def as_paper(self) -> bool:
+        """Whether this rider feels the paper's own signals."""
+        return self._profile.as_paper
+
+    def _begin_tick(self, now_ns: int) -> tuple[int, int]:
+        """Run glove and sounds; return the presses of the glove's buttons "yes" and "repeat"."""
+        if self._sounds is not None:
+            self._sounds.tick(now_ns)
+        if self._glove is None:
+            return 0, 0
+        self._glove.tick(now_ns, armed=True)
+        return self._glove.presses.yes, self._glove.presses.repeat
 
     def announce(self, sentence: str, now_ns: int) -> None:
         """Speak a sentence that is no symbol, such as an answer to the rider; what is being spoken ends, but for a warning."""
@@ -103,13 +142,13 @@ class Teller:
         )
         if told.said is None:
             return shown
-        bursts = () if told.unfelt or self._glove is None else self._words.pattern(told.said).bursts
+        felt = () if told.unfelt or self._glove is None else told.steps
         return replace(
             shown,
             symbol=told.said.symbol.value,
             text=told.text,
             count=before.count + 1,
-            play=tuple((each.tactors, each.on_ms, each.off_ms) for each in bursts),
+            play=tuple((_motors(step.mask), step.on_ms, step.off_ms) for step in felt),
             unfelt=told.unfelt,
         )
 
@@ -129,18 +168,25 @@ class Teller:
         return tuple(told)
 
     def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> ToldAdvice:
-        unfelt = self._feel(advice, now_ns)
+        steps = self._words.pattern(advice).steps()
+        unfelt = self._feel(steps, PRIORITY[advice.symbol], valid_ms(advice, now_ns), now_ns)
         if self._sounds is not None:
             felt = self._glove is not None and not unfelt
             if advice.symbol is Symbol.WARNING and (felt or self._profile.tones):
                 self._sounds.keep_quiet(now_ns)
             wording = Wording(self._profile.wording)
             self._sounds.tell(advice_words(advice, wording), advice, now_ns, interrupts)
-        return ToldAdvice(advice, advice_words(advice, Wording.FULL), unfelt)
+        return ToldAdvice(advice, advice_words(advice, Wording.FULL), steps, unfelt)
 
-    def _feel(self, advice: Advice, now_ns: int) -> str:
-        """Play advice on the glove; return why it is not felt."""
-        if self._glove is None:
-            return ""
-        steps = self._words.pattern(advice).steps()
-        return self._glove.play(steps, PRIORITY[advice.symbol], valid_ms(advice, now_ns), now_ns)
+    def _feel(self, steps: tuple[PlayStep, ...], priority: int, valid: int, now_ns: int) -> str:
+        """Play a pattern on the glove if it can begin within `valid` [ms]; return why it is not felt."""
+        return "" if self._glove is None else self._glove.play(steps, priority, valid, now_ns)
+
+
+PAPER_VALID_MS = 150
+"""ms within which a signal of the paper has to begin."""
+
+
+def _motors(mask: int) -> tuple[int, ...]:
+    """Return the motors of a step of PLAY."""
+    return tuple(k for k in range(mask.bit_length()) if mask >> k & 1)

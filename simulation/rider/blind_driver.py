@@ -7,9 +7,10 @@ trials with them show faults of the guidance, never that it helps a person.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,28 +24,42 @@ from waychair.types import JoystickInput
 Learnt: TypeAlias = Mapping[str, tuple[PlayStep, ...]]
 """The patterns that a driver has learnt, by the name of the symbol."""
 
-Answer: TypeAlias = Literal[
-    "forward", "back", "swivel_left", "swivel_right", "nudge_left", "nudge_right", "stop", "nothing"
-]
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a driver does about a symbol: hold the stick so far ahead and to the left, in shares of the hand's own amplitudes, or
+    push it aside for a moment (`nudge`, 1 left). All at rest: let go."""
+
+    forward: float = 0.0
+    turn: float = 0.0
+    nudge: float = 0.0
+
+
+_EIGHT = ("forward", "front-left", "left", "rear-left", "back", "rear-right", "right", "front-right")
+"""The source paper's words of eight directions, to the left."""
 
 ANSWERS: Mapping[str, Answer] = {
-    "forward": "forward",
-    "back": "back",
-    "swivel_left": "swivel_left",
-    "swivel_right": "swivel_right",
-    "nudge_left": "nudge_left",
-    "nudge_right": "nudge_right",
-    "warning": "stop",
-    "arrived": "stop",
+    "forward": Answer(1.0),
+    "back": Answer(-1.0),
+    "swivel_left": Answer(turn=1.0),
+    "swivel_right": Answer(turn=-1.0),
+    "nudge_left": Answer(nudge=1.0),
+    "nudge_right": Answer(nudge=-1.0),
+    "warning": Answer(),
+    "arrived": Answer(),
+    "swivel counter-clockwise": Answer(turn=1.0),
+    "swivel clockwise": Answer(turn=-1.0),
+    **{f"go {word}": Answer(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k, word in enumerate(_EIGHT)},
 }
-"""What a driver does about each symbol; every other one is listened to only."""
+"""What a driver does about each symbol, of this chair's vocabulary and of the source paper's; every other one is listened to only."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriverModel:
     """A driver. Times in s, from the end of a pattern; `sure` is the share of symbols that the mind does not mix up.
 
-    `warnings_felt` is the share of warnings that are noticed. After `patience_s` of silence the driver lets go of the stick.
+    `warnings_felt` is the share of warnings that are noticed. After `patience_s` of silence the driver lets go of the stick, and
+    after `tries_s` at rest pushes ahead by their own wish.
     """
 
     skin: SkinModel = field(default_factory=SkinModel)
@@ -56,6 +71,7 @@ class DriverModel:
     sure: float = 1.0
     warnings_felt: float = 1.0
     patience_s: float = 3.0
+    tries_s: float = math.inf
 
 
 _SOONEST_S = 0.15
@@ -80,11 +96,12 @@ class BlindDriver:
         self._mind = streams[2]
         self._skin = Skin(layout, m.skin, streams[0])
         self._recogniser = Recogniser(layout, dict(learnt), m.skin)
-        self._names = [name for name in learnt if name in ANSWERS and ANSWERS[name] != "stop"]
+        self._names = [name for name in learnt if ANSWERS.get(name, Answer()) != Answer()]
         self._hand = StickHand(m.hand, streams[1])
         self._waiting: list[Felt] = []
         self._heard_ns: int | None = None
         self._now_ns: int | None = None
+        self._rests_ns = 0  # since when the hand does not push
         self.felt: list[Felt] = []
 
     def step(self, now_ns: int, levels: MotorLevels) -> JoystickInput:
@@ -92,13 +109,20 @@ class BlindDriver:
         pattern = self._skin.feel(levels)
         if pattern is not None:
             self._understand(pattern, self._skin.ended_ms * 1_000_000)
-        step_s = 0.0 if self._now_ns is None else (now_ns - self._now_ns) * 1e-9
+        if self._now_ns is None:
+            self._now_ns = self._rests_ns = now_ns
+        step_s = (now_ns - self._now_ns) * 1e-9
         self._now_ns = now_ns
         for felt in [each for each in self._waiting if each.reacts_ns <= now_ns]:
             self._waiting.remove(felt)
             self._act(felt, step_s)
         if self._heard_ns is not None and now_ns - self._heard_ns > self.model.patience_s * 1e9:
             self._hand.let_go()
+        if self._hand.holds:
+            self._rests_ns = now_ns
+        elif now_ns - self._rests_ns > self.model.tries_s * 1e9:
+            self._heard_ns = now_ns
+            self._hand.hold(self.model.hand.forward, 0.0)
         forward, turn = self._hand.step(step_s) if step_s > 0.0 else (0.0, 0.0)
         return JoystickInput(now_ns, forward, turn)
 
@@ -122,14 +146,12 @@ class BlindDriver:
         """Do what a symbol asks for; it also tells the driver that somebody is there."""
         hand, m = self._hand, self.model.hand
         self._heard_ns = felt.reacts_ns
-        answer = ANSWERS.get(felt.symbol or "", "nothing")
-        if answer == "stop":
+        answer = ANSWERS.get(felt.symbol or "")
+        if answer is None:
+            return
+        if answer == Answer():
             hand.let_go()
-        elif answer == "forward":
-            hand.hold(m.forward, 0.0)
-        elif answer == "back":
-            hand.hold(-m.back, 0.0)
-        elif answer in ("swivel_left", "swivel_right"):
-            hand.hold(0.0, m.swivel if answer == "swivel_left" else -m.swivel)
-        elif answer in ("nudge_left", "nudge_right"):
-            hand.nudge(1.0 if answer == "nudge_left" else -1.0, max(step_s, 1e-3))
+        elif answer.nudge:
+            hand.nudge(answer.nudge, max(step_s, 1e-3))
+        else:
+            hand.hold(answer.forward * (m.forward if answer.forward > 0.0 else m.back), answer.turn * m.swivel)

@@ -186,7 +186,7 @@ class Recogniser:
     def likelihood(self, felt: _Shape, known: _Shape) -> float:
         """Return the log likelihood of a felt pattern under a learnt one, without constants."""
         if felt.wide != known.wide:
-            return -_SURE
+            return -math.inf
         rhythm = -_MISCOUNTED * abs(felt.pulses - known.pulses)
         took = (felt.took_ms - known.took_ms) / (self._model.timing * known.took_ms)
         rhythm -= 0.5 * took * took
@@ -208,7 +208,7 @@ class Recogniser:
 
 
 _SURE, _MISCOUNTED, _MOVED, _UNLIKE = 12.0, 8.0, 2.0, -14.0
-"""Log likelihoods: of a mistake that hardly anybody makes (which wrist, whole hand or one place), of one pulse miscounted, of the
+"""Log likelihoods: of a mistake that hardly anybody makes (which wrist), of one pulse miscounted, of the
 onset of another motor within a pulse missed, and the least one with which a person believes to have understood. Assumptions."""
 
 

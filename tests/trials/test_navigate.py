@@ -16,6 +16,7 @@ from waychair.control.drive.recovery import RecoverySettings
 from waychair.errors import StartOccupied, StartOutsideMap, WaychairError, WorldError
 from waychair.planning.route.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
+from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.plan.world import load_world, world_from_grid
 from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.simulation.simulator import Simulator
@@ -38,6 +39,16 @@ def test_walkers_stand_on_free_ground_apart_from_each_other_and_away_from_the_st
     assert min(math.dist(a, b) for a, b in itertools.combinations(points, 2)) > 0.5
     assert min(math.dist(point, (4.0, 4.0)) for point in points) > 1.5
     assert all(0.3 < value < 7.7 for point in points for value in point)
+
+
+def test_nobody_stands_at_the_border_of_a_grid_without_walls() -> None:
+    """The border is solid to people, and free on such a map."""
+    cells = np.zeros((80, 80), np.int8)
+    for seed in range(5):
+        world = with_walkers(
+            replace(world_from_grid(hall(80), Pose2(2.0, 2.0)), grid=OccupancyGrid(cells, 0.05)), 6, seed
+        )
+        SimulatedPeople(world.people, world.grid, CHAIR_A, np.random.default_rng(0))
 
 
 def test_too_many_people_for_the_map_are_refused_with_advice() -> None:

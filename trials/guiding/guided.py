@@ -7,6 +7,7 @@ guide the board holds it within the chair's caps (state GUARD). Simulated driver
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.next_door import DoorSide, door_words
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.rider import RiderModel
 from waychair.errors import PlanningError
@@ -32,6 +34,7 @@ from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import Felt
+from waychair.simulation.rider.lone_driver import LoneDriver
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, simulated_chair
@@ -44,13 +47,22 @@ UNCAPPED = (1.0, 1.0, 1.0, 1.0)
 """Caps of a stick that the board does not guard."""
 
 
+class RiderTold(enum.Enum):
+    """What a rider is told: the chair's symbols on the glove, or for comparison the paper's own signals, nothing at all, or the
+    same steps to a rider who sees."""
+
+    GUIDED = "guided"
+    PAPER = "paper"
+    NOTHING = "nothing"
+    SEES = "sees"
+
+
 @dataclass(frozen=True, slots=True)
 class GuidedSetup:
     """The setting of guided drives: the map, its zones, the chair, the driver, the level, and the device on the skin.
 
-    `driver` is a preset's name. `known` is known of the driver before; the drives add to it. With `sees` a rider who sees and
-    has no glove steers along the same steps instead, for comparison. A goal is reached within `near_m`. With `finds_doors` the
-    chair looks for doorways.
+    `driver` is a preset's name. `known` is known of the driver before; the drives add to it. A goal is reached within `near_m`.
+    With `finds_doors` the chair looks for doorways. `words`: other patterns than the shipped ones.
     """
 
     world: World
@@ -62,7 +74,8 @@ class GuidedSetup:
     seed: int = 0
     zones: tuple[Zone, ...] = ()
     known: RiderModel = field(default_factory=RiderModel)
-    sees: bool = False
+    told: RiderTold = RiderTold.GUIDED
+    words: TouchVocabulary | None = None
     near_m: float = 0.5
     finds_doors: bool = False
     simulator: SimulatorSettings | None = None
@@ -79,7 +92,8 @@ class SaidSymbol:
 
 @dataclass(frozen=True, slots=True)
 class GuidedRecord:
-    """One guided drive. `reached`: the guide said so, and the chair truly stood within the setting's `near_m` of the goal.
+    """One guided drive. `reached`: the guide said so, and the chair truly stood within the setting's `near_m` of the goal; of a
+    drive that nobody led, the chair was where it was to be.
 
     `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) of the board to the front, the rear, the left and the right, `stick`
     (T, 2) as the driver pushed.
@@ -126,11 +140,13 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
     simulator = RecordingSimulator(
         setup.world, setup.body, setup.simulator or randomised_settings(setup.seed), setup.seed
     )
-    chair_settings = ChairSettings(perceive=setup.finds_doors)
+    as_paper, has_glove = setup.told is RiderTold.PAPER, setup.told in (RiderTold.GUIDED, RiderTold.PAPER)
+    chair_settings = ChairSettings(perceive=setup.finds_doors or as_paper)
     drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, chair=chair_settings, zones=setup.zones)
-    touch = HapticOptions(HapticsProfile(layout=setup.layout, speech=False), driver=setup.driver)
+    profile = HapticsProfile(layout=setup.layout, speech=False, advice="paper" if as_paper else "guide")
+    touch = HapticOptions(profile, driver=setup.driver, words=setup.words)
     with (
-        haptics_of(None if setup.sees else touch, drive, setup.seed, apart=False) as parts,
+        haptics_of(touch if has_glove else None, drive, setup.seed, apart=False) as parts,
         simulated_chair(drive, simulator, haptics=parts.guide) as chair,
     ):
         if parts.guide is not None:
@@ -148,6 +164,8 @@ class GuidedTrial:
         self._setup, self._helped = setup, helped
         self._guide = helped.parts.guide
         self._follower: Follower | None = None
+        self._there: Callable[[Pose2], bool] | None = None
+        self._lone = LoneDriver(seed=setup.seed) if setup.told is RiderTold.NOTHING else None
         self._count = 0
         self._told: list[SaidSymbol] = []
         self._rows: list[tuple[float, ...]] = []
@@ -183,6 +201,11 @@ class GuidedTrial:
             return self._drive(Place(door_words(side), self.simulator.truth()), time_limit_s, lambda: told)
         return self._drive(replace(goal, pose=self._map_from_odom() @ goal.pose), time_limit_s, lambda: "")
 
+    def drive_unled(self, time_limit_s: float, there: Callable[[Pose2], bool]) -> GuidedRecord:
+        """Let a driver whom nobody leads to a place try, until the chair truly is `there`."""
+        self._there = there
+        return self._drive(Place("there", self.simulator.truth()), time_limit_s, lambda: "")
+
     @property
     def _led(self) -> HapticGuide:
         assert self._guide is not None  # a driver without sight has one
@@ -206,7 +229,7 @@ class GuidedTrial:
         error_m = math.hypot(rows[-1, 1] - goal.pose.x, rows[-1, 2] - goal.pose.y)
         return GuidedRecord(
             goal=goal.name,
-            reached=arrived and error_m <= setup.near_m,
+            reached=arrived and (self._there is not None or error_m <= setup.near_m),
             reason=reason or "the time limit was reached",
             seconds=(simulator.now_ns - began_ns) * 1e-9,
             error_m=error_m,
@@ -225,7 +248,7 @@ class GuidedTrial:
     def _ask(self, goal: Place) -> str:
         """Ask to be led; a rider who sees looks at the steps once. Return why not; empty if all is well."""
         setup = self._setup
-        if not setup.sees:
+        if setup.told is not RiderTold.SEES:
             if setup.level is not HelpLevel.GUARD:
                 self.chair.lead(goal)
             return ""
@@ -243,6 +266,9 @@ class GuidedTrial:
         """Return whether the rider has arrived, and why the drive has ended; empty while it goes on."""
         if self.chair.level is not self._setup.level:
             return False, self.chair.level_told
+        if self._there is not None:
+            arrived = self._there(self.simulator.truth())
+            return arrived, "there" if arrived else ""
         if self._follower is not None:
             arrived = self._follower.done and abs(state.twist.v) < _STANDS
             return arrived, "arrived" if arrived else ""
@@ -253,7 +279,9 @@ class GuidedTrial:
 
     def _tick(self) -> ChairState:
         _, state = self._helped.tick()
-        if self._setup.sees:
+        if self._lone is not None and self._there is not None:
+            self.simulator.rider = self._lone.step(self.simulator.now_ns, self.simulator.twist())
+        if self._setup.told is RiderTold.SEES:
             self.simulator.rider = self._seen_stick()
         self._note(state)
         return state

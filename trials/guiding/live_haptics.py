@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.paper_preset import paper_codes
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.firmware_bridge.glove.bridge import GloveBridge
 from waychair.firmware_bridge.glove.layouts import layout_named
@@ -30,7 +32,7 @@ from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
 from waychair.simulation.plant.plant import PlantSettings
-from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel
+from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel, Learnt
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
@@ -43,7 +45,7 @@ class HapticOptions:
     record, None without one.
 
     `port` of a glove, None for its program on this computer. `driver`: the preset of a simulated driver who feels it, None
-    for a person.
+    for a person. `words`: other patterns than those of the profile's layout.
     """
 
     profile: HapticsProfile = field(default_factory=HapticsProfile)
@@ -51,6 +53,7 @@ class HapticOptions:
     session: SessionLog | None = None
     port: str | None = None
     driver: str | None = None
+    words: TouchVocabulary | None = None
 
 
 class HapticParts:
@@ -120,17 +123,19 @@ def open_haptics(
             ends.callback(cable.close)
         sounds = Sounds(profile)
         ends.callback(sounds.close)
-        teller = Teller(profile, GloveBridge(cable, profile.device_id, layout, profile.fitting()), sounds)
+        teller = Teller(
+            profile, GloveBridge(cable, profile.device_id, layout, profile.fitting()), sounds, options.words
+        )
         worker = ends.enter_context(ThreadPoolExecutor(1, "steps")) if apart else None
         session = None if options.session is None else SessionCounter(options.session)
         guide = HapticGuide(body, teller, learner, grid, zones, worker, session=session)
 
         def driver(simulator: Simulator) -> BlindDriver:
             assert model is not None
-            words = teller.words
-            known = {symbol.value: pattern.steps() for symbol, pattern in words.patterns.items()}
-            known |= {f"obstacle {motor}": pattern.steps() for motor, pattern in words.obstacles.items()}
-            return BlindDriver(layout, known, used_to(model, simulator.settings.plant), seed)
+            used = used_to(model, simulator.settings.plant)
+            if profile.as_paper:
+                return BlindDriver(layout, paper_codes(), replace(used, tries_s=TRIES_S), seed)
+            return BlindDriver(layout, learnt_words(teller.words), used, seed)
 
         yield HapticParts(guide, glove, None if model is None else driver)
         save_learner(options.learnt, guide.leader.learner)
@@ -146,6 +151,16 @@ def haptics_of(
         return
     with open_haptics(options, setup.body, setup.grid, setup.zones, seed, apart=apart) as parts:
         yield parts
+
+
+TRIES_S = 4.0
+"""s at rest after which a driver whom the paper's signals lead to no place pushes ahead again. An assumption."""
+
+
+def learnt_words(words: TouchVocabulary) -> Learnt:
+    """Return a vocabulary as a driver has learnt it."""
+    known = {symbol.value: pattern.steps() for symbol, pattern in words.patterns.items()}
+    return known | {f"obstacle {motor}": pattern.steps() for motor, pattern in words.obstacles.items()}
 
 
 def used_to(driver: DriverModel, plant: PlantSettings) -> DriverModel:

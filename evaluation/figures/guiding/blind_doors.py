@@ -8,18 +8,19 @@ The whole simulated chair with lidar noise and localiser, the C of board and glo
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs
-from evaluation.scenes.tight_places import APPROACHES, door_scene, map_of
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs, judged_run
+from evaluation.scenes.tight_places import APPROACHES, WALL, TightScene, door_scene, map_of
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
+from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.trials.barn import upper_bound
-from waychair.trials.guiding.guided import GuidedSetup
-from waychair.types import HelpLevel, Json
+from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, RiderTold, guided_trial
+from waychair.types import HelpLevel, Json, Pose2
 
 RUNS = int(os.environ.get("BLIND_DOORS_RUNS", "25"))
 ONLY = os.environ.get("BLIND_DOORS_ONLY", "")
@@ -49,14 +50,22 @@ DOORS = (
 )
 
 
+UNLED = {"nobody": RiderTold.NOTHING, "paper": RiderTold.PAPER}
+"""Comparisons in which nobody leads the driver to a place."""
+
+LEVELS = {"autonomy": HelpLevel.INFORM, **dict.fromkeys(UNLED, HelpLevel.GUARD)}
+"""Levels of help of the comparisons."""
+
+
 def blind_doors(out: Path) -> Json:
-    """Successes, times and contacts at each chair and width, beside advice without caps and full autonomy."""
+    """Successes, times and contacts at each chair and width, beside a driver on their own, the paper's signals, advice without
+    caps, and full autonomy."""
     doors = [door for door in DOORS if not ONLY or door.name == ONLY]
     rows = [_row(door, "guide") for door in doors]
     passed = all(row["passed"] for row in rows)
     contacts, runs = sum(row["contacts"] for row in rows), sum(row["runs"] for row in rows)
     if BASELINES:
-        rows += [_row(door, how) for door in doors for how in ("inform", "autonomy")]
+        rows += [_row(door, how) for door in doors for how in (*UNLED, "inform", "autonomy")]
     return {
         "passed": passed,
         "runs": runs,
@@ -73,19 +82,47 @@ def run_at_door(
     driver: str = "default",
     known: RiderModel | None = None,
     layout: str = "glove_3x3",
+    words: TouchVocabulary | None = None,
 ) -> GuidedRun:
     """Drive one chair of this seed through the door, from the direction that the seed stands for.
 
-    `known` is known of the driver before.
+    `how`: a level of help, "autonomy", or, with the guard, "nobody" who leads or "paper", the paper's own signals. `known` is
+    known of the driver before.
     """
     scene = door_scene(door.width, APPROACHES[seed % len(APPROACHES)], door.body, seed)
-    level = HelpLevel.INFORM if how == "autonomy" else HelpLevel(how)
+    level = LEVELS.get(how) or HelpLevel(how)
     setup = GuidedSetup(
-        scene.world, map_of(scene.world), door.body, driver, level, layout, seed, known=known or RiderModel()
+        scene.world,
+        map_of(scene.world),
+        door.body,
+        driver,
+        level,
+        layout,
+        seed,
+        known=known or RiderModel(),
+        words=words,
     )
     if how == "autonomy":
         return autonomous_run(setup, scene.goal, door.limit_s)
+    if how in UNLED:
+        return _unled_run(replace(setup, told=UNLED[how]), scene, door)
     return guided_runs(setup, [scene.goal], door.limit_s)[0]
+
+
+def _unled_run(setup: GuidedSetup, scene: TightScene, door: BlindDoor) -> GuidedRun:
+    """Let a driver whom nobody leads to a place find through the door: the whole chair has to be behind it."""
+    assert scene.door is not None
+    behind = scene.door.x + WALL / 2 + door.body.rear
+
+    def there(pose: Pose2) -> bool:
+        return pose.x > behind
+
+    def through_s(record: GuidedRecord) -> float | None:
+        return record.seconds if record.reached else None
+
+    with guided_trial(setup) as trial:
+        trial.chair.want_door(True)
+        return judged_run(trial, setup, lambda: trial.drive_unled(door.limit_s, there), through_s)
 
 
 def _row(door: BlindDoor, how: str) -> Json:

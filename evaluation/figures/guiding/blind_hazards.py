@@ -6,7 +6,9 @@ The whole simulated chair with the board's C. `BLIND_HAZARDS_RUNS=4` takes so ma
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -33,6 +35,12 @@ def _run(name: str, seed: int) -> PushedRun:
     return run_pushed(name, FIRST + seed)
 
 
+def _least(metres: Iterable[float]) -> float | None:
+    """Return the least distance [m]; None where there is nothing to come near to."""
+    least = min(metres)
+    return round(least, 3) if math.isfinite(least) else None
+
+
 def _row(name: str) -> Json:
     found = over_seeds(f"blind hazard {name} from {FIRST}", partial(_run, name), RUNS)
     speeds = [speed for each in found for speed in each.contact_speeds]
@@ -47,8 +55,8 @@ def _row(name: str) -> Json:
         "harm_rate_bound_95": round(upper_bound(hard + falls, len(found)), 4),
         "people_who_walked_into_the_chair": sum(each.bumped for each in found),
         "overrides": sum(each.overridden for each in found),
-        "least_to_a_drop_off": round(min(each.drop_off_m for each in found), 3),
-        "least_to_a_person": round(min(each.person_m for each in found), 3),
+        "least_to_a_drop_off": _least(each.drop_off_m for each in found),
+        "least_to_a_person": _least(each.person_m for each in found),
         "least_driven_m": round(min(each.distance_m for each in found), 2),
         "not_guarded": {FIRST + seed: each.reason for seed, each in enumerate(found) if each.reason},
         "passed": not (falls or hard or any(each.reason for each in found)),

@@ -15,6 +15,7 @@ from pathlib import Path
 from evaluation.figures.guiding.blind_doors import DOORS, run_at_door
 from evaluation.runs.kept_runs import over_seeds
 from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, learnt_figures
+from evaluation.scenes.static_points import static_points
 from evaluation.scenes.tight_places import APPROACHES
 from waychair.control.haptics.rider import RiderModel
 from waychair.types import Json
@@ -32,11 +33,17 @@ MOST_SLOWER = 1.05
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A preset of a driver, what it has to reach, and whether only after learning."""
+    """A preset of a driver, what it has to reach, and whether only after learning, or by static points only."""
 
     driver: str
     bars: GuidedBars
     learns: bool = False
+    points: bool = False
+
+    @property
+    def name(self) -> str:
+        """The row's name."""
+        return f"{self.driver}, static points" if self.points else self.driver
 
 
 PEOPLE = (
@@ -48,34 +55,35 @@ PEOPLE = (
     Person("warnings_90", GuidedBars(0.97)),
     Person("fast_swivel", GuidedBars(0.97)),
     Person("noisy_hand", GuidedBars(0.90), learns=True),
+    Person("default", GuidedBars(0.90), points=True),
 )
 
 
 def blind_people(out: Path) -> Json:
     """Successes and contacts of each driver, before and after learning, and what was learnt."""
-    rows = [row for person in PEOPLE if not ONLY or person.driver == ONLY for row in _rows(person)]
+    rows = [row for person in PEOPLE if not ONLY or person.name == ONLY for row in _rows(person)]
     return {"passed": all(row.get("passed", True) for row in rows), "rows": rows}
 
 
-def lessons(driver: str, doors: int, seed: int) -> RiderModel:
+def lessons(person: Person, doors: int, seed: int) -> RiderModel:
     """Return what the chair knows of a driver after so many doors in a row."""
     known = RiderModel()
     for door in range(doors):
-        known = run_at_door(DOORS[0], "guide", LESSONS_FROM + seed * doors + door, driver, known).learnt
+        known = _run(person, known, LESSONS_FROM + seed * doors + door).learnt
     return known
 
 
-def _run(driver: str, known: RiderModel | None, seed: int) -> GuidedRun:
-    return run_at_door(DOORS[0], "guide", seed, driver, known)
+def _run(person: Person, known: RiderModel | None, seed: int) -> GuidedRun:
+    return run_at_door(DOORS[0], "guide", seed, person.driver, known, words=static_points() if person.points else None)
 
 
 def _rows(person: Person) -> list[Json]:
-    driver, count = person.driver, RUNS * len(APPROACHES)
-    fresh = over_seeds(f"blind person {driver}", partial(_run, driver, None), count)
-    known = over_seeds(f"blind lessons {driver} {LEARNS_FROM}", partial(lessons, driver, LEARNS_FROM), 1)[0]
-    learnt = over_seeds(f"blind person {driver} after {LEARNS_FROM}", partial(_run, driver, known), count)
-    before = guided_row(driver, "as they come", fresh, None if person.learns else person.bars)
-    after = guided_row(driver, f"after {LEARNS_FROM} doors", learnt, person.bars)
+    name, count = person.name, RUNS * len(APPROACHES)
+    fresh = over_seeds(f"blind person {name}", partial(_run, person, None), count)
+    known = over_seeds(f"blind lessons {name} {LEARNS_FROM}", partial(lessons, person, LEARNS_FROM), 1)[0]
+    learnt = over_seeds(f"blind person {name} after {LEARNS_FROM}", partial(_run, person, known), count)
+    before = guided_row(name, "as they come", fresh, None if person.learns else person.bars)
+    after = guided_row(name, f"after {LEARNS_FROM} doors", learnt, person.bars)
     after["learnt"] = learnt_figures(known)
     slower = _slower(fresh, learnt)
     after["times_slower"] = slower

@@ -6,7 +6,10 @@ import itertools
 import math
 from dataclasses import dataclass, field, replace
 
+import pytest
+
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.haptics.course import drift_in_door, off_aim
 from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide import GuideConstants
 from waychair.control.haptics.guide_numbers import ALL, DRIFT, GAP_S
@@ -199,6 +202,33 @@ def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
         word, _ = guide.step(corner(), state, GuideInputs(now_ns, Pose2(3.0, 0.0, theta), Twist(0.0, 0.4), holds=True))
         holds[theta] = word.hold.left
     assert holds == {0.3: 0.0, 1.2: 0.0, 1.5: ALL}
+
+
+def test_a_driver_who_has_not_felt_that_a_leg_ends_is_held_where_the_turn_or_the_arrival_begins() -> None:
+    guide, now_ns, plan = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000, corner()
+    turn = next(k for k, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT)
+    for index, phase, said in ((turn, LeadingPhase.TURN, Symbol.SWIVEL_LEFT), (-1, LeadingPhase.DONE, Symbol.ARRIVED)):
+        step = plan.steps[index]
+        state = GuideState(
+            step=index % len(plan.steps), phase=phase, heading=step.end.theta, said=said, said_ns=now_ns - 10**9
+        )
+        fronts = []
+        for ahead in (-0.3, -0.05, 0.1):
+            pose = step.start @ Pose2(ahead)
+            word, _ = guide.step(plan, state, GuideInputs(now_ns, pose, Twist(0.3, 0.0), holds=True))
+            fronts.append(word.hold.front)
+        assert fronts == [1.0, 0.0, 0.0]
+
+
+def test_a_chair_that_veers_is_aimed_beside_the_doors_middle_and_straightened_sooner() -> None:
+    plan = through(DoorPassage(Pose2(4.0), 0.9))
+    at = next(k for k, step in enumerate(plan.steps) if step.door is not None)
+    step = plan.steps[at]
+    assert step.door is not None
+    aims = {veer: off_aim(step, Pose2(0.5), CHAIR_A, veer) for veer in (-0.16, 0.0, 0.16)}
+    assert aims[0.0] == 0.0
+    assert aims[-0.16] == -aims[0.16] > math.radians(0.5)  # a chair that veers to the right is aimed to the left
+    assert drift_in_door(CHAIR_A, -0.16) == pytest.approx(-0.04 * CHAIR_A.front**2)
 
 
 def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> None:

@@ -37,8 +37,10 @@ def room() -> OccupancyGrid:
 class GuidedRider:
     """A chair that stands or moves by hand, and all that its rider is told; `voice` is the program that speaks, if any."""
 
-    def __init__(self, config: GloveConfig | None = None, voice: Path | None = None) -> None:
-        profile = HapticsProfile()
+    def __init__(
+        self, config: GloveConfig | None = None, voice: Path | None = None, profile: HapticsProfile | None = None
+    ) -> None:
+        profile = profile or HapticsProfile()
         self.glove = HostGlove(glove_program(), config)
         bridge = GloveBridge(
             Reconnecting(lambda: self.glove.transport), "A", layout_named("glove_3x3"), profile.fitting()

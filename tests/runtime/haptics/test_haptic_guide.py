@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from tests.runtime.haptics.guided_rider import DESK, GuidedRider
-from waychair.control.behaviours.commands import Signal, SignalKind
+from waychair.control.behaviours.commands import Move, Signal, SignalKind
 from waychair.control.behaviours.sonar import Obstacle
+from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
-from waychair.runtime.haptics.haptic_guide import LOST
+from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
 from waychair.types import HelpLevel, Place, Pose2, Twist
 
@@ -214,3 +215,19 @@ def test_obstacles_are_told_on_change_while_the_chair_moves_and_a_warning_comes_
     rider.signal = Signal(SignalKind.WARNING, "no way is free")
     state = rider.run(100)
     assert (state.symbol, state.text) == ("warning", "stop the chair: no way is free")
+
+
+def test_a_rider_who_chose_the_papers_signals_feels_its_codes_and_is_led_to_no_place() -> None:
+    with GuidedRider(profile=HapticsProfile(advice="paper")) as rider:
+        rider.signal = Signal(SignalKind.DIRECTION, "door", Move.GO, 0.8)
+        began = rider.now_ms
+        state = rider.run(700)
+        assert rider.felt(began) == {8, 4, 0}  # through the centre, to the front left
+        assert (state.text, state.unfelt, state.count) == ("go front-left", "", 1)
+        assert state.play == (((8,), 150, 0), ((4,), 150, 0), ((0,), 150, 0))
+        rider.signal = Signal(SignalKind.WARNING, "no way is free")
+        assert rider.run(200).text == "stop the chair: no way is free"
+        rider.guide.lead(DESK)
+        state = rider.run(100)
+        assert (state.goal, state.reason) == ("", AS_PAPER)
+        assert state.text == f"You are no longer led: {AS_PAPER}."

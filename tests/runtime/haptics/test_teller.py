@@ -151,3 +151,11 @@ def test_an_impossible_profile_is_refused(tmp_path: Path, text: str, error: str)
     path.write_text(text + "\n")
     with pytest.raises((ConfigError, GloveError), match=error):
         load_profile(path)
+
+
+def test_the_papers_signals_have_codes_for_the_glove_of_nine_motors_only() -> None:
+    assert HapticsProfile(advice="paper").as_paper
+    with pytest.raises(ConfigError, match="no code for the layout 'belt_8': choose glove_3x3"):
+        HapticsProfile(advice="paper", layout="belt_8", hand="none")
+    with pytest.raises(ConfigError, match="choose among guide, paper"):
+        HapticsProfile(advice="loud")

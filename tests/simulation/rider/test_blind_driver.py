@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.simulation.rider.played import LEARNT, WORDS, PlainGlove
 from waychair.errors import ConfigError
-from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel
+from waychair.simulation.rider.blind_driver import ANSWERS, BlindDriver, DriverModel
 from waychair.simulation.rider.driver_presets import DRIVERS, driver_named
 from waychair.simulation.rider.hand import HandModel
 from waychair.simulation.rider.skin import SkinModel
@@ -74,3 +76,13 @@ def test_an_older_driver_reacts_later_and_an_unknown_one_is_refused_by_name() ->
     assert driver_named("older").reaction_s > driver_named("default").reaction_s
     with pytest.raises(ConfigError, match=r"'oldest'.*older"):
         driver_named("oldest")
+
+
+def test_a_driver_who_tries_pushes_ahead_after_a_rest_and_the_papers_directions_move_the_stick_both_ways() -> None:
+    found = sticks({}, 12.0, replace(STEADY, tries_s=4.0))
+    assert all(stick == (0.0, 0.0) for at, stick in found.items() if at < 4.0)
+    assert found[5.0][0] > 0.2
+    assert found[7.5] == (0.0, 0.0)  # nobody has said anything
+    assert found[12.0][0] > 0.2
+    left, back = ANSWERS["go front-left"], ANSWERS["go rear-right"]
+    assert (left.forward > 0.5, left.turn > 0.5, back.forward < -0.5, back.turn < -0.5) == (True,) * 4
