@@ -6,7 +6,16 @@ import math
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.guidance import GuideInputs
-from waychair.control.haptics.guide_numbers import HOLDS_S, IN_DOOR, LEAST_AIM, LOOK_AHEAD
+from waychair.control.haptics.guide_numbers import (
+    HOLDS_S,
+    IN_DOOR,
+    KEEPS_WAITING_S,
+    LEAST_AIM,
+    LEAST_ERROR,
+    LOOK_AHEAD,
+    NUDGE_SHARE,
+)
+from waychair.control.haptics.rider import RiderModel
 from waychair.geometry import wrap_angle
 from waychair.planning.steps.door_steps import HALF_WALL
 from waychair.planning.steps.step import Step
@@ -51,6 +60,16 @@ def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> 
     """Return the error of the course [rad, left positive] when a stick that is held now takes effect."""
     way = Pose2(max(now.twist.v, 0.0) * HOLDS_S, 0.0, now.twist.omega * HOLDS_S)
     return off_aim(step, step.start.inverse() @ now.pose @ way, body, veer)
+
+
+def tolerated_error(rider: RiderModel, v: float, error: float) -> float:
+    """Return the error of the course [rad] up to which a rider who drives at `v` [m/s] is not nudged.
+
+    It is less to the side from which the chair veers away: the error grows by itself until the next nudge can be said.
+    """
+    limit = max(LEAST_ERROR, NUDGE_SHARE * rider.nudge)
+    grows = -math.copysign(1.0, error) * rider.veer_per_m * v * KEEPS_WAITING_S
+    return max(limit - max(grows, 0.0), 0.5 * limit)
 
 
 def room_askew(step: Step, turned: float, body: ChairBody) -> float:

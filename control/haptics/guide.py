@@ -14,7 +14,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.course import before_wall, course_error, drift_in_door, off_aim, on_leg, room_askew
+from waychair.control.haptics.course import (
+    before_wall,
+    course_error,
+    drift_in_door,
+    off_aim,
+    on_leg,
+    room_askew,
+    tolerated_error,
+)
 from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
@@ -35,10 +43,8 @@ from waychair.control.haptics.guide_numbers import (
     IN_VAIN,
     IN_VAIN_FROM,
     KEEPS_WAITING_S,
-    LEAST_ERROR,
     MOST_TRIES,
     NEAR_END,
-    NUDGE_SHARE,
     NUDGED_S,
     NUDGES,
     NUDGING_S,
@@ -125,8 +131,8 @@ class _Tick:
     def run(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Return guidance and memory."""
         guidance, after = self._phase(state)
-        veer = self.guide.rider.veer_per_m
-        hold = stick_hold(self.plan, after, self.now, self.guide.body, veer, self._since_obeyed(after))
+        since_s, veer = self._since_obeyed(after), self.guide.rider.veer_per_m
+        hold = stick_hold(self.plan, after, self.now, self.guide.body, veer, since_s)
         return replace(guidance, hold=hold), after
 
     def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
@@ -324,8 +330,7 @@ class _Tick:
             return self._next(state)
         if abs(aside) > ASTRAY or along < -2.0 * ASTRAY:
             return self._quiet("off the way", state, astray=True)
-        nudge = Symbol.NUDGE_LEFT
-        ahead_s = self.guide.lead(nudge)
+        ahead_s = self.guide.lead(Symbol.NUDGE_LEFT)
         error, course = self._error(step, state, ahead_s)
         if step.door is not None and abs(self.now.twist.omega) < SWIVELLING:
             if not drives and self._is_hopeless(step, along, aside):
@@ -352,7 +357,7 @@ class _Tick:
             return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))
         if drives:
             state = replace(state, ignored=0, still_ns=None)
-        limit = self._tolerated(error)
+        limit = tolerated_error(self.guide.rider, max(v, 0.0), error)
         side = Symbol.NUDGE_LEFT if error > 0.0 else Symbol.NUDGE_RIGHT
         if not drives:
             return self._from_rest(state, error, side, reason)
@@ -364,13 +369,6 @@ class _Tick:
         if self._silent_s(state) > REPEAT_S and not ends_soon:
             return self._say(Symbol.FORWARD, reason, state)
         return self._quiet(reason, state)
-
-    def _tolerated(self, error: float) -> float:
-        """Return the error [rad] up to which no nudge is worth while; less on the side to which the chair would be off anyway."""
-        rider, v = self.guide.rider, max(self.now.twist.v, 0.0)
-        limit = max(LEAST_ERROR, NUDGE_SHARE * rider.nudge)
-        grows = -math.copysign(1.0, error) * rider.veer_per_m * v * KEEPS_WAITING_S
-        return max(limit - max(grows, 0.0), 0.5 * limit)
 
     def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[GuideWord, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
@@ -497,4 +495,5 @@ class _Tick:
             state, phase=LeadingPhase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None
         )
         guidance, state = self._back(state)
-        return replace(guidance, reason=f"{why}: {guidance.reason}"), state
+        reason = guidance.reason
+        return replace(guidance, reason=reason if reason.startswith(why) else f"{why}: {reason}"), state

@@ -123,7 +123,7 @@ class HapticGuide:
         self.state = HapticState(0)
         self._cells = CellMemory()
         self._asked = _Asked()
-        self._level_told = ""
+        self._level_told, self._waits = "", False
 
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
@@ -277,6 +277,9 @@ class HapticGuide:
             return now.level_told
         if self.state.goal and self.leader.goal is None and not self.leader.arrived:
             return f"You are no longer led: {self.leader.reason}."
+        waited, self._waits = self._waits, bool(self.leader.waits)
+        if self._waits and not waited:
+            return f"Wait: {self.leader.waits}."
         if guidance is not None and guidance.offers_repeat:
             return f"{REPEAT_OFFER[0].upper()}{REPEAT_OFFER[1:]}."
         if self._asked.again and again is None:

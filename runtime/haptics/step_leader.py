@@ -23,8 +23,9 @@ from waychair.types import Goal, Place, Pose2, Twist
 REPLANS = 8
 """Plans in a row without a step that was done, after which the rider is no longer led."""
 
-REFUSALS = 3
-"""Times in a row that other steps were wanted and none were found, after which the rider is told so."""
+REFUSED_NS, ASKED_NS = 45_000_000_000, 2_000_000_000
+"""ns for which a rider waits while other steps are wanted and there are none, as for somebody who stands in a door; and between two
+looks for them."""
 
 AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
@@ -35,10 +36,12 @@ LOOK_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class _Vain:
-    """Plans in a row without a step that was done, and wishes for other steps in a row to which there were none."""
+    """Plans in a row without a step that was done; why there are no other steps, since when, and when they were asked for last."""
 
     plans: int = 0
-    refused: int = 0
+    why: str = ""
+    since_ns: int = 0
+    asked_ns: int = -ASKED_NS
 
 
 class StepLeader:
@@ -84,6 +87,7 @@ class StepLeader:
         """Lead no longer."""
         if self.goal is not None:
             self.goal, self.reason, self._plan, self._planning = None, reason, None, None
+            self._vain = _Vain()
 
     def look_again(self) -> None:
         """Forget the plan: after a silence, or on another map, the steps begin from where the chair is."""
@@ -99,7 +103,7 @@ class StepLeader:
         elif self._planning is None and self._grows and now.now_ns - self._looked_ns > LOOK_NS:
             self._looked_ns = now.now_ns
             self._look(now.pose)
-        self._take_plan()
+        self._take_plan(now.now_ns)
         if self._plan is None:
             return None
         guide = GuideConstants(self._body, self.learner.model, self._durations)
@@ -108,8 +112,8 @@ class StepLeader:
         if guidance.arrived:
             self.end("arrived")
             self.arrived = True
-        elif guidance.astray and self._planning is None:
-            self._ask_anew(guidance.reason, now.pose)
+        elif guidance.astray and self._planning is None and now.now_ns - self._vain.asked_ns >= ASKED_NS:
+            self._ask_anew(guidance.reason, now)
         return guidance
 
     def note_said(self, advice: Advice, now_ns: int, moving: Twist) -> None:
@@ -160,14 +164,20 @@ class StepLeader:
         plan, index = self._plan, self._memory.step
         return "" if plan is None or index < 0 else plan.steps[index].words()
 
-    def _ask_anew(self, why: str, pose: Pose2) -> None:
+    @property
+    def waits(self) -> str:
+        """Why the rider waits: other steps are wanted, and there are none now; empty while the steps lead on."""
+        return self._vain.why
+
+    def _ask_anew(self, why: str, now: GuideInputs) -> None:
         """Ask for steps from here, unless that has led nowhere for too often."""
-        again = 0 if self._memory.step > 0 else self._vain.plans + 1
-        self._vain = _Vain(again, self._vain.refused + 1)
+        vain = self._vain  # a wish that was refused made no plan
+        again = vain.plans if vain.why else 0 if self._memory.step > 0 else vain.plans + 1
+        self._vain = replace(vain, plans=again, asked_ns=now.now_ns)
         if again > REPLANS:
             self.end(f"{why}: the steps do not lead on from here; choose the place again, or let the chair drive")
             return
-        self._ask(pose)
+        self._ask(now.pose)
 
     def _look(self, pose: Pose2) -> None:
         """Ask for other steps if the way of those ahead is no longer free."""
@@ -195,20 +205,22 @@ class StepLeader:
         except PlanningError as error:
             self._planning.set_exception(error)
 
-    def _take_plan(self) -> None:
+    def _take_plan(self, now_ns: int) -> None:
         if self._planning is None or not self._planning.done():
             return
         planning, self._planning = self._planning, None
         try:
             plan = planning.result()
         except PlanningError as error:
-            if self._plan is None or self._vain.refused >= REFUSALS:
-                self.end(str(error))
+            vain, why = self._vain, str(error)
+            self._vain = replace(vain, why=why, since_ns=vain.since_ns if vain.why else now_ns)
+            if self._plan is None or now_ns - self._vain.since_ns >= REFUSED_NS:
+                self.end(why)
             else:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
+        self._vain = replace(self._vain, why="")
         if plan is self._plan:
             return  # it was looked at, and is good still
-        self._vain = replace(self._vain, refused=0)
         memory, self._plan = self._memory, plan
         self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

@@ -1,0 +1,67 @@
+"""A rider who wants other steps where there are none waits with a reason, and is told after a while that nothing leads on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.runtime.haptics.guided_rider import DESK, START, room
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.haptics.guidance import GuideInputs
+from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.patterns import vocabulary
+from waychair.planning.grid.costmap import Costmap, LiveCostmap
+from waychair.runtime.haptics.step_leader import REFUSED_NS, StepLeader
+from waychair.types import Pose2, Twist
+
+DURATIONS = {symbol: 1e-3 * each.duration_ms for symbol, each in vocabulary("glove_3x3").patterns.items()}
+ASIDE = Pose2(2.0, 2.9, 0.0)
+"""Off the way from `START` to the desk, so that other steps are wanted."""
+
+
+class Leading:
+    """A leader in the room, between whose rider and the desk a wall can be drawn."""
+
+    def __init__(self) -> None:
+        self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), False, 0, 0
+        self.leader.lead(DESK, lambda: self._costmap)
+        self.run(START, 0.1)
+
+    def _costmap(self) -> Costmap:
+        grid = room()
+        if self.shut:
+            grid.cells[:, 70:72] = 100
+        self.asked += 1
+        return LiveCostmap(grid, CHAIR_A, ()).costmap()
+
+    def run(self, pose: Pose2, seconds: float) -> None:
+        """Let a rider stand at a pose for a time."""
+        for _ in range(max(1, round(seconds / 0.05))):
+            self.now_ns += 50_000_000
+            self.leader.step(GuideInputs(self.now_ns, pose, Twist()))
+
+
+def test_a_rider_waits_with_the_reason_and_goes_on_once_the_way_is_free_again() -> None:
+    leading = Leading()
+    assert (leading.leader.waits, leading.asked) == ("", 1)
+    leading.shut = True
+    leading.run(ASIDE, 10.0)
+    assert "no path" in leading.leader.waits or "no straight legs" in leading.leader.waits
+    assert leading.leader.goal is not None
+    assert 3 <= leading.asked <= 8  # not at every tick
+    leading.shut = False
+    leading.run(ASIDE, 2.5)
+    assert leading.leader.waits == ""
+    plan = leading.leader.plan
+    assert plan is not None
+    assert np.hypot(plan.steps[0].start.x - ASIDE.x, plan.steps[0].start.y - ASIDE.y) < 0.05
+
+
+def test_a_rider_to_whom_nothing_leads_on_is_told_so_in_the_end() -> None:
+    leading = Leading()
+    leading.shut = True
+    leading.run(ASIDE, REFUSED_NS * 1e-9 - 3.0)
+    assert leading.leader.goal is not None
+    leading.run(ASIDE, 6.0)
+    assert leading.leader.goal is None
+    assert leading.leader.reason
+    assert not leading.leader.arrived
