@@ -4,9 +4,8 @@ The rider drives; the caps slow or stop, and never steer. For each of the four d
 push that the stick makes now, stretched to the end of the swing, and straight pushes in the other directions. Of its
 twist three shares are taken, and the least counts: that of the collision monitor, that of unseen space, and that of the
 points that no scan shows: drop-offs, things that sonars or depth camera have seen, and what the map shows where no
-sensor looks. No push is faster than `FULL_SPEED`, up to which clearances are known: from more, nobody who steps out could be
-spared. A drop-off is told to the board as
-one, because the rider cannot override it.
+sensor looks. A drop-off is told to the board as one, because the rider cannot override it. No push is faster than `FULL_SPEED`,
+up to which clearances are known: from more, nobody who steps out could be spared.
 """
 
 from __future__ import annotations
