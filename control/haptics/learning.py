@@ -141,10 +141,9 @@ class RiderLearner:
         """Return how often each symbol (its value) was answered by each motion."""
         return dict(self._answers)
 
-    def _rates(self, begin_s: float, end_s: float) -> FloatArray:
-        """Return times and turn rates (N, 2) between two times."""
-        rows = [(s, omega) for s, _, omega in self._motion if begin_s <= s <= end_s]
-        return np.array(rows).reshape(-1, 2)
+    def _moved(self, begin_s: float, end_s: float) -> FloatArray:
+        """Return times, speeds and turn rates (N, 3) between two times."""
+        return np.array([row for row in self._motion if begin_s <= row[0] <= end_s]).reshape(-1, 3)
 
     def _look_at_nudges(self, now_s: float) -> None:
         """Take the turn of each nudge that is over."""
@@ -152,12 +151,12 @@ class RiderLearner:
         for side, ends in [each for each in self._nudges if now_s > each[1] + done_s]:
             self._nudges.remove((side, ends))
             begin, end = ends + self.model.lag_s - BEFORE_S, ends + self.model.lag_s + AFTER_S
-            before, during = self._rates(begin - BESIDE_S, begin), self._rates(begin, end)
-            after = self._rates(end, end + BESIDE_S)
+            before, during = self._moved(begin - BESIDE_S, begin), self._moved(begin, end)
+            after = self._moved(end, end + BESIDE_S)
             if begin < self._disturbed_s or not (len(before) and len(after) and len(during) > 2):
                 continue
-            drift = 0.5 * (float(before[:, 1].mean()) + float(after[:, 1].mean()))
-            self._add("nudge", side * float(np.trapezoid(during[:, 1] - drift, during[:, 0])))
+            drift = 0.5 * (float(before[:, 2].mean()) + float(after[:, 2].mean()))
+            self._add("nudge", side * float(np.trapezoid(during[:, 2] - drift, during[:, 0])))
 
     def _look_at_veer(self, now_s: float) -> None:
         """Take the bend of each piece of straight driving without a nudge."""
@@ -166,7 +165,7 @@ class RiderLearner:
         ]
         self._free_s = max(self._free_s, self._disturbed_s, *acts, -math.inf)
         if now_s - self._free_s >= FREE_S:
-            piece = np.array([row for row in self._motion if self._free_s <= row[0] <= now_s])
+            piece = self._moved(self._free_s, now_s)
             self._add("veer_per_m", float(piece[:, 2].mean() / piece[:, 1].mean()))
             self._free_s = now_s
 

@@ -50,7 +50,7 @@ class PaperPlay:
         return sum(step.on_ms + step.off_ms for step in self.steps) * MILLISECOND_NS
 
 
-def told_as_advice(signal: Signal, number: int, now_ns: int) -> Advice:
+def told_as_advice(signal: Signal, number: int, valid_until_ns: int) -> Advice:
     """Return a signal as the piece of advice that comes nearest to it, for page and record; its words are the reason."""
     symbol, direction = _OF_KIND[signal.kind], None
     if signal.kind is SignalKind.DIRECTION:
@@ -60,7 +60,7 @@ def told_as_advice(signal: Signal, number: int, now_ns: int) -> Advice:
     elif signal.kind is SignalKind.SPACE:
         nearest = max(range(len(signal.classes)), key=signal.classes.__getitem__)
         direction = sector_middles(len(signal.classes))[nearest]
-    return Advice(symbol, number, now_ns, direction, signal_words(signal))
+    return Advice(symbol, number, valid_until_ns, direction, signal_words(signal))
 
 
 def paper_codes() -> Mapping[str, tuple[PlayStep, ...]]:

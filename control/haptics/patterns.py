@@ -72,6 +72,10 @@ class TouchVocabulary:
     patterns: Mapping[Symbol, Pattern]
     obstacles: Mapping[int, Pattern]
 
+    def steps(self) -> Mapping[str, tuple[PlayStep, ...]]:
+        """Return the steps of PLAY of each symbol but the obstacles, by its value."""
+        return {symbol.value: pattern.steps() for symbol, pattern in self.patterns.items()}
+
     def pattern(self, advice: Advice) -> Pattern:
         """Return the pattern of a piece of advice; of an obstacle, that of the motor nearest to its direction."""
         if advice.symbol is Symbol.OBSTACLE_AT:

@@ -143,7 +143,7 @@ def _contact_s(
 
 def judged_shares(command: Twist, body: ChairBody) -> FloatArray:
     """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
-    slowest = min(1.0, CRAWL_SPEED / max(_fastest(command, body), 1e-9))
+    slowest = min(1.0, CRAWL_SPEED / max(fastest_part(command, body), 1e-9))
     return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
 
 
@@ -153,14 +153,14 @@ _PACES = 4
 
 def margins(command: Twist, body: ChairBody, pace: float = 1.0) -> tuple[float, float]:
     """Return the clearance [m] on all sides, and the extra one in the direction of travel, at a share of a command."""
-    share = min(max((pace * _fastest(command, body) - CRAWL_SPEED) / (FULL_SPEED - CRAWL_SPEED), 0.0), 1.0)
+    share = min(max((pace * fastest_part(command, body) - CRAWL_SPEED) / (FULL_SPEED - CRAWL_SPEED), 0.0), 1.0)
     return (
         MONITORED_AT_CRAWL + share * (MONITORED_AT_FULL_SPEED - MONITORED_AT_CRAWL),
         MONITORED_AHEAD_AT_CRAWL + share * (MONITORED_AHEAD_AT_FULL_SPEED - MONITORED_AHEAD_AT_CRAWL),
     )
 
 
-def _fastest(command: Twist, body: ChairBody) -> float:
+def fastest_part(command: Twist, body: ChairBody) -> float:
     """Return the larger of the driving speed and the farthest corner's speed in turning [m/s]."""
     return max(abs(command.v), abs(command.omega) * body.circumscribed_radius)
 

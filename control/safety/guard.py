@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
+from waychair.control.safety.arc_clearance import MonitorSettings, fastest_part, stoppable_along
 from waychair.control.safety.sight_speed import Sector, UnseenSettings, in_view, sight_share
 from waychair.firmware_bridge.bridge import AT_REST
 from waychair.firmware_bridge.caps import Caps, StickMotion
@@ -163,7 +163,7 @@ def caps_of(
             falls,
             _share(things, twist, body, monitor, stops),
         )
-        fastest = max(abs(twist.v), abs(twist.omega) * body.circumscribed_radius)
+        fastest = fastest_part(twist, body)
         share = min(share, FULL_SPEED / max(fastest, FULL_SPEED))
         share = share if share * fastest >= LEAST_SPEED else 0.0
         forward, turn = motion.deflection(Twist(share * twist.v, share * (twist.omega - pushes.bend * twist.v)))

@@ -91,6 +91,11 @@ class PlayStep:
     on_ms: int
     off_ms: int
 
+    @property
+    def motors(self) -> tuple[int, ...]:
+        """The motors of the mask, in order."""
+        return tuple(k for k in range(self.mask.bit_length()) if self.mask >> k & 1)
+
 
 @dataclass(frozen=True, slots=True)
 class GloveHello:

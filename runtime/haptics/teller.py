@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from waychair.control.behaviours.commands import Signal, sector_middles
 from waychair.control.behaviours.glove import GloveLayout
 from waychair.control.haptics.advice import AdviceMemory, advise, valid_ms
+from waychair.control.haptics.guide_numbers import VALID_NS
 from waychair.control.haptics.paper_preset import PaperMemory, paper_advice, told_as_advice
 from waychair.control.haptics.patterns import TouchVocabulary, vocabulary
 from waychair.control.haptics.profile import HapticsProfile
@@ -87,15 +88,16 @@ class Teller:
         It is felt only: the paper has no words.
         """
         yes, repeats = self._begin_tick(now_ns)
-        play, told = None, ToldAdvice(yes=yes, repeats=repeats)
-        if signal is not None:
-            static = GloveLayout(sector_middles(len(signal.classes)) if signal.classes else ())
-            play, self._paper = paper_advice(signal, static, self._paper, now_ns)
-        if signal is None or play is None:
+        told = ToldAdvice(yes=yes, repeats=repeats)
+        if signal is None:
+            return told
+        static = GloveLayout(sector_middles(len(signal.classes)))
+        play, self._paper = paper_advice(signal, static, self._paper, now_ns)
+        if play is None:
             return told
         self._signals += 1
-        advice = told_as_advice(signal, self._signals, now_ns)
-        unfelt = self._feel(play.steps, play.priority, PAPER_VALID_MS, now_ns)
+        advice = told_as_advice(signal, self._signals, now_ns + VALID_NS)
+        unfelt = self._feel(play.steps, play.priority, valid_ms(advice, now_ns), now_ns)
         return replace(told, said=advice, text=advice.reason, steps=play.steps, unfelt=unfelt)
 
     @property
@@ -148,7 +150,7 @@ class Teller:
             symbol=told.said.symbol.value,
             text=told.text,
             count=before.count + 1,
-            play=tuple((_motors(step.mask), step.on_ms, step.off_ms) for step in felt),
+            play=tuple((step.motors, step.on_ms, step.off_ms) for step in felt),
             unfelt=told.unfelt,
         )
 
@@ -181,12 +183,3 @@ class Teller:
     def _feel(self, steps: tuple[PlayStep, ...], priority: int, valid: int, now_ns: int) -> str:
         """Play a pattern on the glove if it can begin within `valid` [ms]; return why it is not felt."""
         return "" if self._glove is None else self._glove.play(steps, priority, valid, now_ns)
-
-
-PAPER_VALID_MS = 150
-"""ms within which a signal of the paper has to begin."""
-
-
-def _motors(mask: int) -> tuple[int, ...]:
-    """Return the motors of a step of PLAY."""
-    return tuple(k for k in range(mask.bit_length()) if mask >> k & 1)

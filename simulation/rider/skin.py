@@ -162,8 +162,7 @@ def bursts_of(steps: Sequence[PlayStep]) -> list[RawBurst]:
     """Return the bursts of a pattern as the board plays it."""
     bursts, at = list[RawBurst](), 0
     for step in steps:
-        motors = tuple(k for k in range(16) if step.mask >> k & 1)
-        bursts.append(RawBurst(motors, at, at + step.on_ms))
+        bursts.append(RawBurst(step.motors, at, at + step.on_ms))
         at += step.on_ms + step.off_ms
     return bursts
 
@@ -208,8 +207,8 @@ class Recogniser:
 
 
 _SURE, _MISCOUNTED, _MOVED, _UNLIKE = 12.0, 8.0, 2.0, -14.0
-"""Log likelihoods: of a mistake that hardly anybody makes (which wrist), of one pulse miscounted, of the
-onset of another motor within a pulse missed, and the least one with which a person believes to have understood. Assumptions."""
+"""Log likelihoods: of a mistake that hardly anybody makes (which wrist), of one pulse miscounted, of the onset of
+another motor within a pulse missed, and the least one with which a person believes to have understood. Assumptions."""
 
 
 class _Shape:

@@ -107,11 +107,10 @@ def simulated_player(
         GloveError: the profile is for another layout.
     """
     config = GloveConfig(profile.device_id, profile.layout, Hand[profile.hand.upper()])
-    known = {symbol.value: pattern.steps() for symbol, pattern in words.patterns.items()}
     with HostGlove(glove_program(), config) as glove:
         transport = glove.transport
         bridge = GloveBridge(Reconnecting(lambda: transport), profile.device_id, words.layout, profile.fitting())
-        player = SimulatedPlayer(glove, bridge, BlindDriver(words.layout, known, model, seed))
+        player = SimulatedPlayer(glove, bridge, BlindDriver(words.layout, words.steps(), model, seed))
         _wait_until_ready(player, bridge)
         yield player
 

@@ -48,8 +48,8 @@ UNCAPPED = (1.0, 1.0, 1.0, 1.0)
 
 
 class RiderTold(enum.Enum):
-    """What a rider is told: the chair's symbols on the glove, or for comparison the paper's own signals, nothing at all, or the
-    same steps to a rider who sees."""
+    """The channel to a rider: the chair's symbols on the glove; for comparison the paper's signals on it, none, or the sight of
+    the same steps."""
 
     GUIDED = "guided"
     PAPER = "paper"
@@ -203,8 +203,7 @@ class GuidedTrial:
 
     def drive_unled(self, time_limit_s: float, there: Callable[[Pose2], bool]) -> GuidedRecord:
         """Let a driver whom nobody leads to a place try, until the chair truly is `there`."""
-        self._there = there
-        return self._drive(Place("there", self.simulator.truth()), time_limit_s, lambda: "")
+        return self._drive(Place("there", self.simulator.truth()), time_limit_s, lambda: "", there)
 
     @property
     def _led(self) -> HapticGuide:
@@ -214,8 +213,15 @@ class GuidedTrial:
     def _map_from_odom(self) -> Pose2:
         return self.simulator.truth() @ self.chair.odom_from_base.inverse()
 
-    def _drive(self, goal: Place, time_limit_s: float, ask: Callable[[], str]) -> GuidedRecord:
+    def _drive(
+        self,
+        goal: Place,
+        time_limit_s: float,
+        ask: Callable[[], str],
+        there: Callable[[Pose2], bool] | None = None,
+    ) -> GuidedRecord:
         simulator, setup = self.simulator, self._setup
+        self._there = there
         began_ns, contacts = simulator.now_ns, simulator.contacts
         driver = self._helped.parts.driver
         felt = 0 if driver is None else len(driver.felt)

@@ -159,8 +159,7 @@ TRIES_S = 4.0
 
 def learnt_words(words: TouchVocabulary) -> Learnt:
     """Return a vocabulary as a driver has learnt it."""
-    known = {symbol.value: pattern.steps() for symbol, pattern in words.patterns.items()}
-    return known | {f"obstacle {motor}": pattern.steps() for motor, pattern in words.obstacles.items()}
+    return {**words.steps(), **{f"obstacle {motor}": each.steps() for motor, each in words.obstacles.items()}}
 
 
 def used_to(driver: DriverModel, plant: PlantSettings) -> DriverModel:

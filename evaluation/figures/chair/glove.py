@@ -123,7 +123,7 @@ def _errors(
     """Yield the error [ms] of each step's beginning and end; `begin` is the row in which the pattern should begin."""
     on = np.pad((levels > 0).astype(np.int8), ((1, 1), (0, 0)))
     for step in steps:
-        for motor in (k for k in range(16) if step.mask >> k & 1):
+        for motor in step.motors:
             changes = np.diff(on[:, motor])
             begins, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
             if not len(begins):

@@ -73,7 +73,7 @@ def directions_right(layout: TactorLayout, model: SkinModel, gap_ms: int, rng: n
 
 def pairs_told_apart(layout: TactorLayout, model: SkinModel, rng: np.random.Generator) -> dict[str, float]:
     """Return for each pair of symbols the share of right answers where only the two can come."""
-    learnt = {symbol.value: pattern.steps() for symbol, pattern in vocabulary(LAYOUT).patterns.items()}
+    learnt = vocabulary(LAYOUT).steps()
     found = {}
     for one, other in itertools.combinations(learnt, 2):
         answers = _answers(layout, model, {one: learnt[one], other: learnt[other]}, rng, max(TRIALS // 10, 100))

@@ -11,7 +11,7 @@ from waychair.firmware_bridge.glove.levels import MotorLevels
 from waychair.firmware_bridge.glove.messages import PlayStep
 
 WORDS = vocabulary("glove_3x3")
-LEARNT = {symbol.value: pattern.steps() for symbol, pattern in WORDS.patterns.items()}
+LEARNT = WORDS.steps()
 
 
 class PlainGlove:
