@@ -51,6 +51,8 @@ SILENT_NS = 200_000_000
 JUDGED_NS = 30_000_000
 """Time within which a pattern reaches the board: a later report that does not judge it says that it was lost."""
 
+SESSION_LOST = "the glove was lost in the middle of a pattern: check its cable and its power"
+
 SILENT = "the glove is silent: check its cable and its power, and that its firmware is of this version"
 
 
@@ -225,6 +227,8 @@ class GloveBridge:
 
     def _end(self) -> None:
         """End the session, but keep a refusal until the next reply."""
+        if self._sent is not None and (not self._sent.judged or self._reported.playing):
+            self.refusals = (*self.refusals, SESSION_LOST)
         self.reply = self.status = self._sent = None
 
     def _handle(self, received: GloveReceived, now_ns: int) -> None:

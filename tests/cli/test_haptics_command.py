@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -53,6 +55,31 @@ def test_the_riders_fitting_and_the_direction_of_an_obstacle_are_used(tmp_path: 
 def test_a_symbol_is_played_on_a_live_glove(live: LiveGlove) -> None:
     done = waychair("haptics", "play", "nudge_left", "--port", f"pty:{live.path}")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(("times", "told"), [(1, ""), (100, "the glove was lost in the middle of a pattern")])
+def test_a_pattern_that_a_busy_computer_stops_is_begun_again(times: int, told: str) -> None:
+    with LiveGlove(glove_program()) as glove:
+        done = threading.Event()
+
+        def hold_up() -> None:
+            left = times
+            while not done.is_set():
+                if any(any(levels) for _, levels in glove.records(0.1)) and left > 0:
+                    left -= 1
+                    os.kill(glove.pid, signal.SIGSTOP)
+                    time.sleep(0.15)
+                    os.kill(glove.pid, signal.SIGCONT)
+
+        thread = threading.Thread(target=hold_up)
+        thread.start()
+        played = waychair("haptics", "play", "nudge_left", "--port", f"pty:{glove.path}")
+        done.set()
+        thread.join()
+    if told:
+        assert told in refused(played)
+    else:
+        assert (played.returncode, played.stderr) == (0, "")
 
 
 def test_the_shipped_patterns_pass_the_check() -> None:

@@ -15,7 +15,7 @@ from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.symbols import Symbol
 from waychair.errors import BridgeError, GloveError, TransportError
 from waychair.firmware_bridge.glove import glove_advice
-from waychair.firmware_bridge.glove.bridge import SILENT, GloveBridge
+from waychair.firmware_bridge.glove.bridge import SESSION_LOST, SILENT, GloveBridge
 from waychair.firmware_bridge.glove.fitting import Fitting, tuned_gain, turned_from_answers
 from waychair.firmware_bridge.glove.layouts import layout_named
 from waychair.firmware_bridge.glove.messages import (
@@ -163,6 +163,18 @@ def test_a_glove_that_is_unplugged_and_plugged_in_again_is_greeted_again(worn: W
     assert problem(worn) == ""
     worn.play(Symbol.FORWARD)
     assert set(worn.felt(600)) == {7, 4, 1}
+    worn.run(1000)
+    worn.plugged = False
+    worn.run(50)
+    assert worn.bridge.refusals == ()  # the pattern was over
+
+
+def test_a_glove_that_is_unplugged_in_a_pattern_is_told_to_have_lost_it(worn: Worn) -> None:
+    worn.play(Symbol.FORWARD)
+    worn.run(100)
+    worn.plugged = False
+    worn.run(50)
+    assert worn.bridge.refusals == (SESSION_LOST,)
 
 
 def test_a_glove_that_reboots_or_hangs_is_silent_until_it_is_greeted(worn: Worn) -> None:
@@ -172,6 +184,7 @@ def test_a_glove_that_reboots_or_hangs_is_silent_until_it_is_greeted(worn: Worn)
         worn.inputs = defect
         worn.run(400)
         assert problem(worn) == SILENT
+        assert worn.bridge.refusals == (SESSION_LOST,)
         assert not worn.levels[-250:].any()  # the watchdog's 100 ms later at most
         worn.inputs = GloveInputs()
         worn.run(1500)
