@@ -11,12 +11,16 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from waychair.control.haptics.rider import LIMITS, RiderModel
 from waychair.control.haptics.symbols import Symbol
 from waychair.types import FloatArray, Json, Twist
+
+RiderValues: TypeAlias = Mapping[str, Sequence[float]]
+"""The values behind each figure of a rider, the oldest first."""
 
 KEPT = 25
 """Latest values of each figure."""
@@ -115,9 +119,13 @@ class RiderLearner:
         """Return everything that was learnt, as plain numbers: the figures, the values behind them, the answers."""
         return {
             "figures": {name: getattr(self.model, name) for name in LIMITS},
-            "values": {name: list(values)[PRIOR:] for name, values in self._values.items()},
+            "values": self.values(),
             "answers": {f"{said} answered by {done}": count for (said, done), count in sorted(self._answers.items())},
         }
+
+    def values(self) -> RiderValues:
+        """Return the values behind the figures, for `restore`."""
+        return {name: list(values)[PRIOR:] for name, values in self._values.items()}
 
     def note_answer(self, symbol: Symbol, done: str, lag_s: float | None) -> None:
         """Note by which motion a symbol was answered at rest (see `expected`), and how late [s] after the pattern's end.
@@ -129,8 +137,8 @@ class RiderLearner:
         if lag_s is not None and done == expected(symbol) and symbol in _HELD:
             self._add("lag_s", lag_s)
 
-    def restore(self, values: Mapping[str, Sequence[float]], answers: Mapping[tuple[str, str], int]) -> None:
-        """Take up what was learnt before, as `exported` told it; figures that are not known or out of `LIMITS` are dropped."""
+    def restore(self, values: RiderValues, answers: Mapping[tuple[str, str], int]) -> None:
+        """Take up what was learnt before; figures that are not known or out of `LIMITS` are dropped."""
         self.reset()
         for name in LIMITS:
             for value in values.get(name, ()):
@@ -198,6 +206,13 @@ class RiderLearner:
         low, high = LIMITS[name]
         changed: dict[str, float] = {name: min(max(value, low), high)}
         self.model = replace(self.model, **changed)
+
+
+def rider_from_values(values: RiderValues) -> RiderModel:
+    """Return what is known of a rider by these values."""
+    learner = RiderLearner()
+    learner.restore(values, {})
+    return learner.model
 
 
 def _motion_of(v: FloatArray, omega: FloatArray, said: _Waiting) -> str:

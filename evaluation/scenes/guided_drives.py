@@ -15,14 +15,15 @@ import numpy as np
 
 from evaluation.scenes.hazards import ContactCause, contact_cause
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.haptics.rider import LIMITS, RiderModel
+from waychair.control.haptics.learning import RiderValues, rider_from_values
+from waychair.control.haptics.rider import LIMITS
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.barn import upper_bound
 from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, GuidedTrial, guided_trial
 from waychair.trials.ride import RecordingSimulator
-from waychair.types import Json, Place
+from waychair.types import Json, Place, Pose2
 
 NEAR_MISS = 0.10
 """m; a person so near to a chair that moves faster than `NEAR_SPEED` was nearly hit."""
@@ -35,7 +36,8 @@ NEAR_SPEED = 0.15
 class GuidedRun:
     """One drive: whether the chair truly arrived, why it ended, times [s], ways [m], and the speeds [m/s] of contacts it caused.
 
-    `bumped`: people who walked into the chair. `near_misses`: moments in which a person was nearly hit. `learnt`: of the rider.
+    `bumped`: people who walked into the chair. `near_misses`: moments in which a person was nearly hit. `remembered`: what was
+    learnt of the rider.
     """
 
     reached: bool
@@ -48,7 +50,7 @@ class GuidedRun:
     near_misses: int = 0
     symbols: int = 0
     plans: int = 0
-    learnt: RiderModel = field(default_factory=RiderModel)
+    remembered: RiderValues = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,15 @@ def guided_runs(
                 break
             found.append(judged_run(trial, setup, partial(trial.drive_to, goal, time_limit_s), _arrived_s))
     return tuple(found)
+
+
+def unled_run(
+    setup: GuidedSetup, there: Callable[[Pose2], bool], time_limit_s: float, wants_door: bool = False
+) -> GuidedRun:
+    """Let a driver whom nobody leads to a place try until the chair is `there`; raises as `guided_trial`."""
+    with guided_trial(setup) as trial:
+        trial.chair.want_door(wants_door)
+        return judged_run(trial, setup, lambda: trial.drive_unled(time_limit_s, there), _arrived_s)
 
 
 def autonomous_run(setup: GuidedSetup, goal: Place, time_limit_s: float) -> GuidedRun:
@@ -121,8 +132,9 @@ def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: GuidedBars
     return row
 
 
-def learnt_figures(model: RiderModel) -> Json:
+def learnt_figures(remembered: RiderValues) -> Json:
     """Return what was learnt of a rider as plain numbers."""
+    model = rider_from_values(remembered)
     return {name: round(float(getattr(model, name)), 4) for name in LIMITS}
 
 
@@ -162,7 +174,7 @@ def judged_run(
         near_misses=_near_misses(simulator, began_ns),
         symbols=len(record.told),
         plans=record.plans,
-        learnt=record.learnt,
+        remembered=record.remembered,
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.learning import RiderValues, rider_from_values
 from waychair.control.haptics.next_door import DoorSide, door_words
 from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
@@ -61,7 +61,7 @@ class RiderTold(enum.Enum):
 class GuidedSetup:
     """The setting of guided drives: the map, its zones, the chair, the driver, the level, and the device on the skin.
 
-    `driver` is a preset's name. `known` is known of the driver before; the drives add to it. A goal is reached within `near_m`.
+    `driver` is a preset's name. `known` was learnt of the driver before; the drives add to it. A goal is reached within `near_m`.
     With `finds_doors` the chair looks for doorways. `words`: other patterns than the shipped ones.
     """
 
@@ -73,7 +73,7 @@ class GuidedSetup:
     layout: str = "glove_3x3"
     seed: int = 0
     zones: tuple[Zone, ...] = ()
-    known: RiderModel = field(default_factory=RiderModel)
+    known: RiderValues = field(default_factory=dict)
     told: RiderTold = RiderTold.GUIDED
     words: TouchVocabulary | None = None
     near_m: float = 0.5
@@ -96,7 +96,7 @@ class GuidedRecord:
     drive that nobody led, the chair was where it was to be.
 
     `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) of the board to the front, the rear, the left and the right, `stick`
-    (T, 2) as the driver pushed.
+    (T, 2) as the driver pushed. `remembered` was learnt of the driver, before and in the drive.
     `contact_speeds` [m/s] of the contacts; `planned_m` is the length of the first steps. `told`, `felt`: symbols.
     """
 
@@ -114,7 +114,12 @@ class GuidedRecord:
     truth: FloatArray
     caps: FloatArray
     stick: FloatArray
-    learnt: RiderModel
+    remembered: RiderValues
+
+    @property
+    def learnt(self) -> RiderModel:
+        """What is known of the driver after the drive."""
+        return rider_from_values(self.remembered)
 
     @property
     def distance_m(self) -> float:
@@ -150,7 +155,7 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
         simulated_chair(drive, simulator, haptics=parts.guide) as chair,
     ):
         if parts.guide is not None:
-            parts.guide.leader.learner = RiderLearner(setup.known)
+            parts.guide.leader.learner.restore(setup.known, {})
         trial = GuidedTrial(setup, simulator, HelpedChair(simulator, chair, parts))
         trial.begin()
         yield trial
@@ -248,7 +253,7 @@ class GuidedTrial:
             truth=rows[:, 1:4],
             caps=rows[:, 4:8],
             stick=rows[:, 8:10],
-            learnt=setup.known if self._guide is None else self._guide.leader.learner.model,
+            remembered={} if self._guide is None else self._guide.leader.learner.values(),
         )
 
     def _ask(self, goal: Place) -> str:

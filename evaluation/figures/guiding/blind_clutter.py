@@ -1,19 +1,22 @@
 """Random rooms full of boxes that the map does not have: simulated drivers are led round what the chair's scans show.
 
-The map holds the four walls only, by which the chair finds its pose; the boxes are seen on the way. `BLIND_CLUTTER_RUNS=4` takes
-so many rooms instead of 100.
+The map holds the four walls only, by which the chair finds its pose; the boxes are seen on the way. Beside it, in the first of the
+rooms: the free space of the source paper by its own signals, which know nothing of a goal. `BLIND_CLUTTER_RUNS=4` takes so many rooms
+instead of 100, `BLIND_CLUTTER_BASELINES=0` leaves out the paper.
 """
 
 from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, guided_runs
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, guided_runs, unled_run
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import PlanningError
 from waychair.maps.grid.distance_field import distance_field
@@ -22,10 +25,15 @@ from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, PlanWall
 from waychair.simulation.plan.world import World, world_from_plan
-from waychair.trials.guiding.guided import GuidedSetup
-from waychair.types import Goal, Json, Place, Pose2
+from waychair.trials.guiding.guided import GuidedSetup, RiderTold
+from waychair.types import Goal, HelpLevel, Json, Place, Pose2
 
 RUNS = int(os.environ.get("BLIND_CLUTTER_RUNS", "100"))
+
+BASELINES = os.environ.get("BLIND_CLUTTER_BASELINES", "1") == "1"
+
+PAPER_RUNS = 20
+"""Rooms with the paper's signals, at most: nearly each lasts until the limit."""
 
 SIDE, EDGE, BOXES = 7.0, 0.2, 8
 """m of a room and of the free space round its walls; and boxes in it."""
@@ -40,11 +48,19 @@ def blind_clutter(out: Path) -> Json:
     """Arrivals and contacts in the rooms that have a way of pivots and straight legs; the other rooms are counted apart."""
     found = over_seeds("blind clutter", run_in_clutter, RUNS)
     possible = [run for run in found if run is not None]
-    row = guided_row("clutter", "guide", possible, GuidedBars(0.90))
-    return {"passed": row["passed"], "rooms": len(found), "without_a_way": len(found) - len(possible), "rows": [row]}
+    rows = [guided_row("clutter", "guide", possible, GuidedBars(0.90))]
+    if BASELINES:
+        tried = over_seeds("blind clutter paper", partial(run_in_clutter, told=RiderTold.PAPER), min(RUNS, PAPER_RUNS))
+        rows.append(guided_row("clutter", "paper", [run for run in tried if run is not None]))
+    return {
+        "passed": rows[0]["passed"],
+        "rooms": len(found),
+        "without_a_way": len(found) - len(possible),
+        "rows": rows,
+    }
 
 
-def run_in_clutter(seed: int) -> GuidedRun | None:
+def run_in_clutter(seed: int, told: RiderTold = RiderTold.GUIDED) -> GuidedRun | None:
     """Drive across one room; None where no steps lead across even if all boxes are known."""
     cluttered, empty, goal = clutter(seed)
     try:
@@ -53,7 +69,14 @@ def run_in_clutter(seed: int) -> GuidedRun | None:
         )
     except PlanningError:
         return None
-    return guided_runs(GuidedSetup(cluttered, empty.grid, CHAIR_A, seed=seed), [goal], LIMIT_S)[0]
+    setup = GuidedSetup(cluttered, empty.grid, CHAIR_A, seed=seed, told=told)
+    if told is RiderTold.GUIDED:
+        return guided_runs(setup, [goal], LIMIT_S)[0]
+
+    def there(pose: Pose2) -> bool:
+        return math.hypot(pose.x - goal.pose.x, pose.y - goal.pose.y) <= setup.near_m
+
+    return unled_run(replace(setup, level=HelpLevel.GUARD), there, LIMIT_S)
 
 
 def clutter(seed: int) -> tuple[World, World, Place]:

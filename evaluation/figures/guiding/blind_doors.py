@@ -8,18 +8,19 @@ The whole simulated chair with lidar noise and localiser, the C of board and glo
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs, judged_run
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs, unled_run
 from evaluation.scenes.tight_places import APPROACHES, WALL, TightScene, door_scene, map_of
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
+from waychair.control.haptics.learning import RiderValues
 from waychair.control.haptics.patterns import TouchVocabulary
-from waychair.control.haptics.rider import RiderModel
 from waychair.trials.barn import upper_bound
-from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, RiderTold, guided_trial
+from waychair.trials.guiding.guided import GuidedSetup, RiderTold
 from waychair.types import HelpLevel, Json, Pose2
 
 RUNS = int(os.environ.get("BLIND_DOORS_RUNS", "25"))
@@ -80,14 +81,14 @@ def run_at_door(
     how: str,
     seed: int,
     driver: str = "default",
-    known: RiderModel | None = None,
+    known: RiderValues | None = None,
     layout: str = "glove_3x3",
     words: TouchVocabulary | None = None,
 ) -> GuidedRun:
     """Drive one chair of this seed through the door, from the direction that the seed stands for.
 
-    `how`: a level of help, "autonomy", or, with the guard, "nobody" who leads or "paper", the paper's own signals. `known` is
-    known of the driver before.
+    `how`: a level of help, "autonomy", or, with the guard, "nobody" who leads or "paper", the paper's own signals. `known`
+    was learnt of the driver before.
     """
     scene = door_scene(door.width, APPROACHES[seed % len(APPROACHES)], door.body, seed)
     level = LEVELS.get(how) or HelpLevel(how)
@@ -99,30 +100,21 @@ def run_at_door(
         level,
         layout,
         seed,
-        known=known or RiderModel(),
+        known=known or {},
         words=words,
     )
     if how == "autonomy":
         return autonomous_run(setup, scene.goal, door.limit_s)
     if how in UNLED:
-        return _unled_run(replace(setup, told=UNLED[how]), scene, door)
+        return unled_run(replace(setup, told=UNLED[how]), _behind(door, scene), door.limit_s, wants_door=True)
     return guided_runs(setup, [scene.goal], door.limit_s)[0]
 
 
-def _unled_run(setup: GuidedSetup, scene: TightScene, door: BlindDoor) -> GuidedRun:
-    """Let a driver whom nobody leads to a place find through the door: the whole chair has to be behind it."""
+def _behind(door: BlindDoor, scene: TightScene) -> Callable[[Pose2], bool]:
+    """Return whether the whole chair is behind the door."""
     assert scene.door is not None
     behind = scene.door.x + WALL / 2 + door.body.rear
-
-    def there(pose: Pose2) -> bool:
-        return pose.x > behind
-
-    def through_s(record: GuidedRecord) -> float | None:
-        return record.seconds if record.reached else None
-
-    with guided_trial(setup) as trial:
-        trial.chair.want_door(True)
-        return judged_run(trial, setup, lambda: trial.drive_unled(door.limit_s, there), through_s)
+    return lambda pose: pose.x > behind
 
 
 def _row(door: BlindDoor, how: str) -> Json:

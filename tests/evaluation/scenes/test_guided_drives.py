@@ -1,10 +1,13 @@
-"""The row of a table of guided drives: what passes, and what does not."""
+"""The row of a table of guided drives: what passes, and what does not; a driver's true lag and nudge."""
 
 from __future__ import annotations
+
+import statistics
 
 import pytest
 from evaluation.figures.guiding.blind_clutter import CLEAR, SIDE, clutter
 from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row
+from evaluation.scenes.true_riders import NUDGES, true_rider
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.grid.distance_field import distance_field
@@ -49,3 +52,13 @@ def test_a_cluttered_room_is_that_of_its_seed_and_the_chair_fits_at_both_ends() 
     assert fits(CHAIR_A, CLEAR, field, goal.pose)
     assert goal.pose.x - world.start.x > SIDE - 3.0
     assert (world.grid.cells > 50).sum() > (empty.grid.cells > 50).sum()
+
+
+def test_the_true_lag_of_a_slower_driver_is_greater_and_a_driver_who_feels_something_else_has_none() -> None:
+    default, older = (true_rider(CHAIR_A, driver, 5001) for driver in ("default", "older"))
+    assert default.lag_s is not None
+    assert older.lag_s is not None
+    assert 0.3 < default.lag_s < older.lag_s < 1.5
+    assert len(default.nudges) == len(NUDGES)
+    assert 0.01 < statistics.median(default.nudges) < 0.1
+    assert true_rider(CHAIR_A, "default", 5012).lag_s is None

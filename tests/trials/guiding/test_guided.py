@@ -32,6 +32,14 @@ def test_a_driver_is_led_through_the_next_door_without_a_map() -> None:
     assert record.contact_speeds == ()
 
 
+def test_a_chair_remembers_its_driver_from_drive_to_drive() -> None:
+    scene = door_scene(0.9, 0.0, CHAIR_A, 107)
+    known = {"lag_s": [1.0] * 6}
+    record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, known=known), scene.goal, 0.1)
+    assert record.learnt.lag_s == 1.0
+    assert record.remembered["lag_s"] == known["lag_s"]
+
+
 @pytest.mark.nightly
 def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_path: Path) -> None:
     scene = door_scene(0.9, 0.0, CHAIR_A, 107)
