@@ -118,7 +118,7 @@ class RiderLearner:
     def exported(self) -> Json:
         """Return everything that was learnt, as plain numbers: the figures, the values behind them, the answers."""
         return {
-            "figures": {name: getattr(self.model, name) for name in LIMITS},
+            "figures": self.model.figures(),
             "values": self.values(),
             "answers": {f"{said} answered by {done}": count for (said, done), count in sorted(self._answers.items())},
         }

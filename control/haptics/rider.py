@@ -21,6 +21,10 @@ class RiderModel:
     veer_per_m: float = 0.0
     speed: float = 0.3
 
+    def figures(self) -> dict[str, float]:
+        """Return all of it as plain numbers."""
+        return {name: float(getattr(self, name)) for name in LIMITS}
+
 
 LIMITS = {
     "lag_s": (0.3, 1.6),

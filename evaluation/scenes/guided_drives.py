@@ -16,7 +16,6 @@ import numpy as np
 from evaluation.scenes.hazards import ContactCause, contact_cause
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.learning import RiderValues, rider_from_values
-from waychair.control.haptics.rider import LIMITS
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.barn import upper_bound
 from waychair.trials.demo.demo import randomised_settings
@@ -134,8 +133,7 @@ def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: GuidedBars
 
 def learnt_figures(remembered: RiderValues) -> Json:
     """Return what was learnt of a rider as plain numbers."""
-    model = rider_from_values(remembered)
-    return {name: round(float(getattr(model, name)), 4) for name in LIMITS}
+    return {name: round(value, 4) for name, value in rider_from_values(remembered).figures().items()}
 
 
 def _within(row: Mapping[str, Json], bars: GuidedBars) -> bool:

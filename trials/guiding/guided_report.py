@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.control.haptics.rider import LIMITS
 from waychair.errors import OutputError
 from waychair.files import os_error_text, write_json, write_text
 from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup
@@ -51,7 +50,7 @@ def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
         "symbols_per_s": round(len(record.told) / seconds, 3),
         "felt_wrongly": felt_wrongly(record),
         "held_by_caps_s": round(float((held | turned).mean()) * seconds, 1),
-        "learnt": {name: round(float(getattr(record.learnt, name)), 4) for name in LIMITS},
+        "learnt": {name: round(value, 4) for name, value in record.learnt.figures().items()},
         "path": np.round(record.truth[::10], 3).tolist(),
     }
 
