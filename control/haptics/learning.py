@@ -26,13 +26,16 @@ KEPT = 25
 """Latest values of each figure."""
 
 PRIOR = 4
-"""The figures known before count as so many values."""
+"""The figures known before count as so many values, until there are enough of this rider's own."""
 
 WATCHED_S = 1.9
 """s after a pattern's end within which its effect is looked for; a later one is not counted."""
 
 MOVES_V, MOVES_OMEGA = 0.06, 0.12
 """m/s, rad/s; an effect of a symbol."""
+
+SOONEST_S, FULL = 0.3, 0.95
+"""s after a pattern's end before which no chair sets out by it; and share of the greatest speed at which it counts as reached."""
 
 FREE_S = 0.5
 """s; a piece of straight driving between two nudges, long enough to show how the chair veers."""
@@ -86,7 +89,7 @@ class RiderLearner:
 
     def reset(self) -> None:
         """Forget the rider."""
-        self._values = {name: deque([getattr(self._start, name)] * PRIOR, maxlen=KEPT) for name in LIMITS}
+        self._values = {name: deque(maxlen=KEPT) for name in LIMITS}
         self.model = self._start
         self._waiting.clear()
         self._nudges.clear()
@@ -125,7 +128,7 @@ class RiderLearner:
 
     def values(self) -> RiderValues:
         """Return the values behind the figures, for `restore`."""
-        return {name: list(values)[PRIOR:] for name, values in self._values.items()}
+        return {name: list(values) for name, values in self._values.items()}
 
     def note_answer(self, symbol: Symbol, done: str, lag_s: float | None) -> None:
         """Note by which motion a symbol was answered at rest (see `expected`), and how late [s] after the pattern's end.
@@ -188,24 +191,27 @@ class RiderLearner:
         if done != _MOTION.get(said.symbol):
             return
         if said.symbol in (Symbol.FORWARD, Symbol.BACK) and max(abs(said.before.v), abs(said.before.omega)) < MOVES_V:
-            self._add("lag_s", _half_way(times, np.abs(v)) - said.ends_s)
+            self._add_lag(times - said.ends_s, np.abs(v), MOVES_V)
             if said.symbol is Symbol.FORWARD:
                 self._add("speed", float(v.max()))
         elif said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(said.before.omega) < MOVES_OMEGA:
             if abs(said.before.v) < MOVES_V:
-                self._add("lag_s", _half_way(times, np.abs(omega)) - said.ends_s)
+                self._add_lag(times - said.ends_s, np.abs(omega), MOVES_OMEGA)
             self._add("swivel", float(np.abs(omega).max()))
+
+    def _add_lag(self, after_s: FloatArray, speeds: FloatArray, moves: float) -> None:
+        """Take the lag of a motion from rest; one that an earlier symbol, or the chair's own rolling out, began shows none."""
+        if float(speeds[after_s < SOONEST_S].max(initial=0.0)) < moves:
+            self._add("lag_s", _lag(after_s, speeds))
 
     def _add(self, name: str, value: float) -> None:
         low, high = LIMITS[name]
         if low <= value <= high:
-            self._values[name].append(value)
-            self._set(name, float(np.median(self._values[name])))
-
-    def _set(self, name: str, value: float) -> None:
-        low, high = LIMITS[name]
-        changed: dict[str, float] = {name: min(max(value, low), high)}
-        self.model = replace(self.model, **changed)
+            values = self._values[name]
+            values.append(value)
+            before = [getattr(self._start, name)] * min(PRIOR, KEPT - len(values))
+            changed: dict[str, float] = {name: min(max(float(np.median([*values, *before])), low), high)}
+            self.model = replace(self.model, **changed)
 
 
 def rider_from_values(values: RiderValues) -> RiderModel:
@@ -230,7 +236,8 @@ def _motion_of(v: FloatArray, omega: FloatArray, said: _Waiting) -> str:
     return "rest" if abs(float(np.median(v[-5:]))) < MOVES_V else "goes on"
 
 
-def _half_way(times: FloatArray, speeds: FloatArray) -> float:
-    """Return the time [s] at which a rising speed passed half of its greatest value: a pure delay covers the same way."""
-    above = np.flatnonzero(speeds >= 0.5 * float(speeds.max()))
-    return float(times[above[0]])
+def _lag(after_s: FloatArray, speeds: FloatArray) -> float:
+    """Return the lag [s] after which a motion at its full speed at once would have come as far as this one."""
+    full = int(np.flatnonzero(speeds >= FULL * float(speeds.max()))[0])
+    times, rising = np.concatenate([[0.0], after_s[: full + 1]]), np.concatenate([[0.0], speeds[: full + 1]])
+    return float(times[-1] - np.trapezoid(rising, times) / rising[-1])

@@ -1,6 +1,6 @@
 """The lag and the nudge that a simulated driver truly has on its chair, measured from true poses and without the learner.
 
-The driver feels one FORWARD from rest and then nudges to both sides, in an empty room and with nobody who leads.
+The driver is sent ahead, nudged, stopped, and turned to both sides, in an empty room and with nobody who leads.
 """
 
 from __future__ import annotations
@@ -34,14 +34,19 @@ LAYOUT = "glove_3x3"
 
 NUDGES = (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT) * 4
 
-STEADY_S = (1.6, 2.9)
-"""s after the end of FORWARD in which the chair drives steadily; a straight line through its way gives the lag."""
+SETS_OUT = (Symbol.FORWARD, Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
+
+STEADY_S = (1.2, 2.2)
+"""s after a symbol's end in which the chair moves steadily; a straight line through its way, or its turn, gives the lag."""
+
+RESTS_S = 2.0
+"""s from the end of a warning until the chair is at rest."""
 
 NUDGED_S, BESIDE_S = 1.5, 0.3
 """s after a nudge's end in which its whole turn is made, and before and after that, where the drift is measured."""
 
-DRIVES = 0.1
-"""m/s; a slower chair does not drive ahead."""
+MOVES = 0.1
+"""m/s, rad/s; a slower chair does not do as it was told."""
 
 LENGTH, WIDTH = 14.0, 7.0
 """m; of the room."""
@@ -49,12 +54,12 @@ LENGTH, WIDTH = 14.0, 7.0
 
 @dataclass(frozen=True, slots=True)
 class TrueRider:
-    """What one driver truly did: the lag to FORWARD [s], and the turn by each nudge [rad], to the side that was told.
+    """What one driver truly did: the lags to symbols from rest [s], and the turn by each nudge [rad], to the side that was told.
 
-    A driver who took FORWARD for something else has no lag and no nudges.
+    A symbol that the driver took for something else has no lag, and after such a FORWARD there are no nudges.
     """
 
-    lag_s: float | None
+    lags_s: tuple[float, ...]
     nudges: tuple[float, ...]
 
 
@@ -87,23 +92,19 @@ def true_rider(body: ChairBody, driver: str, seed: int) -> TrueRider:
 
         for _ in helped.begin(HelpLevel.INFORM):
             bridge.tick(simulator.now_ns, armed=True)
-        forward_s = told(Symbol.FORWARD)
-        run(STEADY_S[1])
-        ends_s = []
-        for symbol in NUDGES:
-            ends_s.append(told(symbol))
-            run(NUDGED_S + BESIDE_S)
+        begun_s, ends_s = [], []
+        for symbol in SETS_OUT:
+            begun_s.append(told(symbol))
+            run(STEADY_S[1])
+            for nudge in NUDGES if symbol is Symbol.FORWARD else ():
+                ends_s.append(told(nudge))
+                run(NUDGED_S + BESIDE_S)
+            told(Symbol.WARNING)
+            run(RESTS_S)
     way = np.array(poses)
-    lag_s = _lag(way, forward_s)
-    turns = (
-        []
-        if lag_s is None
-        else [
-            (1.0 if symbol is Symbol.NUDGE_LEFT else -1.0) * _turn(way, end)
-            for symbol, end in zip(NUDGES, ends_s, strict=True)
-        ]
-    )
-    return TrueRider(lag_s, tuple(turns))
+    lags = [_lag(way, symbol, begun) for symbol, begun in zip(SETS_OUT, begun_s, strict=True)]
+    turns = [_left(symbol) * _turn(way, end) for symbol, end in zip(NUDGES, ends_s, strict=True)]
+    return TrueRider(tuple(lag for lag in lags if lag is not None), () if lags[0] is None else tuple(turns))
 
 
 def _room() -> World:
@@ -116,16 +117,24 @@ def _room() -> World:
     return world_from_plan(plan, plan.name)
 
 
-def _lag(poses: FloatArray, ended_s: float) -> float | None:
-    """Return the time [s] from a pattern's end until a chair that drives steadily would have set out at that speed.
+def _left(symbol: Symbol) -> float:
+    """Return 1 for a symbol to the left, -1 for one to the right."""
+    return 1.0 if symbol in (Symbol.SWIVEL_LEFT, Symbol.NUDGE_LEFT) else -1.0
 
-    None: it does not drive.
+
+def _lag(poses: FloatArray, symbol: Symbol, ended_s: float) -> float | None:
+    """Return the time [s] from a pattern's end until a chair that moves steadily would have set out at that speed.
+
+    None: it does not do as it was told.
     """
     times = poses[:, 0] - ended_s
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, 1:3], axis=0).T))])
+    if symbol is Symbol.FORWARD:
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, 1:3], axis=0).T))])
+    else:
+        way = _left(symbol) * np.unwrap(poses[:, 3])
     steady = (times >= STEADY_S[0]) & (times <= STEADY_S[1])
     speed, offset = np.polyfit(times[steady], way[steady], 1)
-    return float((np.interp(0.0, times, way) - offset) / speed) if speed > DRIVES else None
+    return float((np.interp(0.0, times, way) - offset) / speed) if speed > MOVES else None
 
 
 def _turn(poses: FloatArray, ended_s: float) -> float:

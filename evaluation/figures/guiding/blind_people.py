@@ -103,7 +103,7 @@ def _rows(person: Person) -> list[Json]:
     if not person.points:
         truth = over_seeds(f"blind truth {name}", partial(_truth, person), LEARNS_FROM)
         rider = rider_from_values(taught.remembered)
-        lag_off = rider.lag_s - statistics.median(each.lag_s for each in truth if each.lag_s is not None)
+        lag_off = rider.lag_s - statistics.median(lag for each in truth for lag in each.lags_s)
         nudge_off = rider.nudge - statistics.median(turn for each in truth for turn in each.nudges)
         after["lag_off_s"], after["nudge_off_deg"] = round(lag_off, 3), round(math.degrees(nudge_off), 2)
         print(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
+import pytest
 
-from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.learning import KEPT, PRIOR, RiderLearner
 from waychair.control.haptics.rider import LIMITS, RiderModel
 from waychair.control.haptics.symbols import Symbol
 from waychair.types import Twist
@@ -80,3 +82,33 @@ def test_a_reset_forgets_the_rider_and_the_export_is_plain() -> None:
     learner.reset()
     assert learner.model == RiderModel(lag_s=0.7)
     assert not learner.answers()
+
+
+def told_forward(learner: RiderLearner, speeds: Callable[[float], float]) -> None:
+    """Tell FORWARD at rest at 0 s; `speeds` is the chair's speed [m/s] at a time after the pattern's end [s]."""
+    learner.note_said(Symbol.FORWARD, 0, 0.45, Twist(0.0, 0.0))
+    for tick in range(60):
+        learner.note_motion(round(tick * TICK_S * 1e9), Twist(speeds(tick * TICK_S - 0.45), 0.0))
+
+
+def test_the_lag_of_a_chair_that_speeds_up_slowly_is_that_of_its_way() -> None:
+    learner = RiderLearner()
+    told_forward(learner, lambda after_s: 0.3 * min(max(after_s - 0.5, 0.0) / 0.8, 1.0))
+    assert learner.values()["lag_s"] == pytest.approx([0.9], abs=0.03)
+
+
+def test_a_chair_that_moves_before_any_driver_can_react_teaches_no_lag() -> None:
+    learner = RiderLearner()
+    told_forward(learner, lambda after_s: 0.3 if after_s > 0.0 else 0.0)
+    assert learner.values()["lag_s"] == []
+    assert learner.answers()[Symbol.FORWARD.value, "forward"] == 1
+
+
+def test_what_was_known_before_counts_until_there_are_enough_values_which_are_restored_whole() -> None:
+    learner = RiderLearner()
+    learner.restore({"lag_s": [1.0] * (PRIOR + 1)}, {})
+    assert RiderModel().lag_s < learner.model.lag_s <= 1.0
+    values = {"lag_s": [0.5] * 12 + [1.0] * (KEPT - 12)}
+    learner.restore(values, {})
+    assert learner.model.lag_s == 1.0
+    assert learner.values()["lag_s"] == values["lag_s"]
