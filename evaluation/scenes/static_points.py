@@ -12,7 +12,7 @@ POINTS = {
     Symbol.FORWARD: 1,
     Symbol.NUDGE_RIGHT: 2,
     Symbol.SWIVEL_LEFT: 3,
-    Symbol.ARRIVED: 4,
+    Symbol.ARRIVED: 8,
     Symbol.SWIVEL_RIGHT: 5,
     Symbol.ATTENTION: 6,
     Symbol.BACK: 7,
