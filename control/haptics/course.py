@@ -7,13 +7,16 @@ import math
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.guidance import GuideInputs
 from waychair.control.haptics.guide_numbers import (
+    GATE_TURN,
     HOLDS_S,
     IN_DOOR,
     KEEPS_WAITING_S,
     LEAST_AIM,
     LEAST_ERROR,
     LOOK_AHEAD,
+    NEAR_END,
     NUDGE_SHARE,
+    TURN_BEFORE_WALL,
 )
 from waychair.control.haptics.rider import RiderModel
 from waychair.geometry import wrap_angle
@@ -46,14 +49,21 @@ def drift_in_door(body: ChairBody, veer: float) -> float:
 def off_aim(step: Step, there: Pose2, body: ChairBody, veer: float) -> float:
     """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg.
 
-    A door's aim is its middle, less what the chair veers in it.
+    A door's aim is its middle, less what the chair veers in it. On a leg without a door the chair is led against its veer: it comes to
+    the leg again in an arc.
     """
-    if step.door is not None and before_wall(step, there.x, body) > -IN_DOOR:
+    if step.door is None:
+        return wrap_angle(math.atan2(-there.y, LOOK_AHEAD) + led_against(veer) - there.theta)
+    target = (there.x + LOOK_AHEAD, 0.0)
+    if before_wall(step, there.x, body) > -IN_DOOR:
         at = step.start.inverse() @ step.door.map_from_door
         target = (max(at.x, there.x + LEAST_AIM), at.y - drift_in_door(body, veer))
-    else:
-        target = (there.x + LOOK_AHEAD, 0.0)
     return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - there.theta)
+
+
+def led_against(veer: float) -> float:
+    """Return the heading [rad] to a leg from which a chair that veers [rad/m] is on the leg again `LOOK_AHEAD` farther on."""
+    return -0.5 * veer * LOOK_AHEAD
 
 
 def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> float:
@@ -77,3 +87,21 @@ def room_askew(step: Step, turned: float, body: ChairBody) -> float:
     assert step.door is not None
     gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
     return max(0.5 * (gap - body.width), 0.0)
+
+
+def may_swivel(step: Step, along: float, body: ChairBody) -> bool:
+    """Return whether a turn on the spot is free `along` [m] the leg: not with the front in a door."""
+    if step.door is None:
+        return True
+    return before_wall(step, along, body) > TURN_BEFORE_WALL or along > step.length - NEAR_END
+
+
+def is_hopeless(step: Step, along: float, aside: float, body: ChairBody) -> bool:
+    """Return whether the straight way to the door's middle is more askew than the gate allows, with room to turn here.
+
+    `along`, `aside`: the chair on the leg [m].
+    """
+    assert step.door is not None
+    at = step.start.inverse() @ step.door.map_from_door
+    needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
+    return before_wall(step, along, body) > TURN_BEFORE_WALL and needed > GATE_TURN

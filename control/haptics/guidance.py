@@ -78,6 +78,7 @@ class GuideInputs:
     pose: Pose2
     twist: Twist
     held_ahead: bool = False
+    held_back: bool = False
     held_turn: bool = False
     holds: bool = False
 
@@ -92,12 +93,13 @@ class GuideInputs:
         twist: Twist,
     ) -> GuideInputs:
         """Return the inputs for a stick under caps to the front, the rear, the left and the right, all in shares of the swing."""
-        front, _, left, right = caps
+        front, rear, left, right = caps
         return cls(
             now_ns,
             pose,
             twist,
             held_ahead=forward > front + _HELD and front < _HELD_AT,
+            held_back=-forward > rear + _HELD and rear < _HELD_AT,
             held_turn=turn > left + _HELD or -turn > right + _HELD,
             holds=True,
         )

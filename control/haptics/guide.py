@@ -18,6 +18,9 @@ from waychair.control.haptics.course import (
     before_wall,
     course_error,
     drift_in_door,
+    is_hopeless,
+    led_against,
+    may_swivel,
     off_aim,
     on_leg,
     room_askew,
@@ -49,6 +52,7 @@ from waychair.control.haptics.guide_numbers import (
     NUDGES,
     NUDGING_S,
     OBEYED_S,
+    OPEN_SWIVEL_FROM,
     OPEN_TRIES,
     PASSED,
     QUIET_S,
@@ -105,7 +109,9 @@ class GuideConstants:
         step = plan.steps[index]
         fresh = replace(state, step=index, tries=0, shuffles=0, still_ns=None, aim=None)
         if step.kind is StepKind.PIVOT:
-            return replace(fresh, phase=LeadingPhase.TURN, heading=step.end.theta)
+            onto = plan.steps[index + 1]
+            against = led_against(self.rider.veer_per_m) if onto.kind is StepKind.STRAIGHT else 0.0
+            return replace(fresh, phase=LeadingPhase.TURN, heading=wrap_angle(step.end.theta + against))
         if step.kind is StepKind.BACK:
             return replace(fresh, phase=LeadingPhase.BACK, back_until=-step.length)
         if step.kind is StepKind.ARRIVED:
@@ -237,6 +243,9 @@ class _Tick:
 
     def _swivel_from(self, state: GuideState) -> float:
         if self.now.holds:
+            step = self.plan.steps[state.step]
+            if step.kind is not StepKind.PIVOT and step.door is None:
+                return OPEN_SWIVEL_FROM
             return STOPPED_SWIVEL_FROM if abs(state.nudged) < IN_VAIN else IN_VAIN_FROM
         return max(SWIVEL_FROM, SHORT_SWIVEL * self.guide.rider.swivel * SHORTEST_SWIVEL_S)
 
@@ -267,7 +276,7 @@ class _Tick:
         return self._go(replace(state, phase=LeadingPhase.GO, still_ns=None))
 
     def _shuffle(self, state: GuideState) -> tuple[GuideWord, GuideState]:
-        """The chair cannot turn on: a little back, or ahead if it is held behind or that was tried."""
+        """The chair cannot turn on: a little back, and if that is not free either new steps are wanted."""
         if state.shuffles >= MOST_TRIES:
             return self._quiet("the turn is blocked", state, astray=True)
         state = replace(state, shuffles=state.shuffles + 1)
@@ -287,9 +296,13 @@ class _Tick:
         left = along - state.back_until
         following = self._after_back(state)
         backs = v < -STILL_V
-        if left <= max(-v, 0.0) * self.guide.lead(following) or (
-            state.said is Symbol.BACK and not backs and self._since_obeyed(state) > STUCK_S
-        ):
+        obeyed_s = self._since_obeyed(state)
+        stuck = obeyed_s > STUCK_S or (self.now.held_back and obeyed_s > OBEYED_S)
+        if state.said is Symbol.BACK and not backs and stuck:
+            if self.plan.steps[state.step].kind is StepKind.PIVOT:
+                return self._quiet("neither the turn nor the way back is free", state, astray=True)
+            return self._leave_back(state)
+        if left <= max(-v, 0.0) * self.guide.lead(following):
             return self._leave_back(state)
         reason = f"back, {max(left, 0.0):.1f} m more"
         if state.said is Symbol.BACK or (state.said in NUDGES and backs):
@@ -333,7 +346,7 @@ class _Tick:
         ahead_s = self.guide.lead(Symbol.NUDGE_LEFT)
         error, course = self._error(step, state, ahead_s)
         if step.door is not None and abs(self.now.twist.omega) < SWIVELLING:
-            if not drives and self._is_hopeless(step, along, aside):
+            if not drives and is_hopeless(step, along, aside, self.guide.body):
                 return self._quiet("too far beside the door's axis", state, astray=True)
             state = self._aimed(step, state, course)
             refused = self._gate(step, state, course)
@@ -352,7 +365,7 @@ class _Tick:
         if in_vain:
             error = present  # nudges on their way will not do either
         far_off = abs(error) > self._swivel_from(state) * (FAR_OFF if state.nudges and not in_vain else 1.0)
-        if self._may_turn and far_off and self._may_swivel(step, along):
+        if self._may_turn and far_off and may_swivel(step, along, self.guide.body):
             heading = wrap_angle(self.now.pose.theta + error)
             return self._turn(replace(state, phase=LeadingPhase.TURN, heading=heading, still_ns=None))
         if drives:
@@ -400,12 +413,6 @@ class _Tick:
             return False
         along, _, _ = on_leg(step, self.now.pose)
         return -self.guide.body.length < before_wall(step, along, self.guide.body) < TURN_BEFORE_WALL
-
-    def _may_swivel(self, step: Step, along: float) -> bool:
-        """Return whether a turn on the spot is free here: not with the front in a door."""
-        if step.door is None:
-            return True
-        return before_wall(step, along, self.guide.body) > TURN_BEFORE_WALL or along > step.length - NEAR_END
 
     def _following(self, state: GuideState) -> Symbol:
         following = self.plan.steps[state.step + 1]
@@ -472,13 +479,6 @@ class _Tick:
                 state.aim.ticks + 1,
             ),
         )
-
-    def _is_hopeless(self, step: Step, along: float, aside: float) -> bool:
-        """Return whether the straight way to the door's middle is more askew than the gate allows, with room to turn here."""
-        assert step.door is not None
-        at = step.start.inverse() @ step.door.map_from_door
-        needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
-        return before_wall(step, along, self.guide.body) > TURN_BEFORE_WALL and needed > GATE_TURN
 
     def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""

@@ -27,6 +27,10 @@ SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
 STOPPED_SWIVEL_FROM = math.radians(6.0)
 """rad; the same where the guard stops a turn at the heading that was asked for."""
 
+OPEN_SWIVEL_FROM = math.radians(10.0)
+"""rad; the same on a leg without a door: the chair is some 0.2 m beside it then, less than the room that most legs have, and a
+turn on the spot costs three seconds."""
+
 IN_VAIN, IN_VAIN_FROM = 3, math.radians(3.0)
 """Nudges in a row to one side after which the course is still so far off, rad: then the chair turns on the spot, if the guard
 stops it at its heading."""

@@ -157,7 +157,7 @@ class RiderLearner:
         return np.array([row for row in self._motion if begin_s <= row[0] <= end_s]).reshape(-1, 3)
 
     def _look_at_nudges(self, now_s: float) -> None:
-        """Take the turn of each nudge that is over."""
+        """Take the turn of each nudge that is over, and how the chair veers beside it."""
         done_s = self.model.lag_s + AFTER_S + BESIDE_S
         for side, ends in [each for each in self._nudges if now_s > each[1] + done_s]:
             self._nudges.remove((side, ends))
@@ -168,6 +168,7 @@ class RiderLearner:
                 continue
             drift = 0.5 * (float(before[:, 2].mean()) + float(after[:, 2].mean()))
             self._add("nudge", side * float(np.trapezoid(during[:, 2] - drift, during[:, 0])))
+            self._add("veer_per_m", drift / float(during[:, 1].mean()))
 
     def _look_at_veer(self, now_s: float) -> None:
         """Take the bend of each piece of straight driving without a nudge."""

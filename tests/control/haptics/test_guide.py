@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.course import drift_in_door, off_aim
+from waychair.control.haptics.course import drift_in_door, led_against, off_aim
 from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide import GuideConstants
-from waychair.control.haptics.guide_numbers import ALL, DRIFT, GAP_S
+from waychair.control.haptics.guide_numbers import ALL, DRIFT, GAP_S, IN_VAIN, LOOK_AHEAD, OPEN_SWIVEL_FROM
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
@@ -123,10 +123,7 @@ def test_the_turn_is_said_ahead_by_pattern_and_lag() -> None:
     forward = next(at for at, symbol in drive.said if symbol is Symbol.FORWARD)
     begins = forward + DURATIONS[Symbol.FORWARD] + rider.lag_s
     arrives = begins + 3.0 / rider.speed
-    assert (
-        arrives - swivel == math.isclose(arrives, swivel)
-        or abs(arrives - swivel - DURATIONS[Symbol.SWIVEL_LEFT] - rider.lag_s) < 0.35
-    )
+    assert abs(arrives - swivel - DURATIONS[Symbol.SWIVEL_LEFT] - rider.lag_s) < 0.35
 
 
 def test_patterns_keep_their_gap() -> None:
@@ -229,6 +226,74 @@ def test_a_chair_that_veers_is_aimed_beside_the_doors_middle_and_straightened_so
     assert aims[0.0] == 0.0
     assert aims[-0.16] == -aims[0.16] > math.radians(0.5)  # a chair that veers to the right is aimed to the left
     assert drift_in_door(CHAIR_A, -0.16) == pytest.approx(-0.04 * CHAIR_A.front**2)
+
+
+def open_leg(length: float) -> StepPlan:
+    """Return one leg straight ahead, with nothing beside it."""
+    return with_pivots(Pose2(), [Step(StepKind.STRAIGHT, Pose2(), Pose2(length), room=0.3)], None)
+
+
+def test_an_arc_of_a_chair_that_veers_ends_on_the_open_leg() -> None:
+    leg, veer = open_leg(8.0).steps[0], -0.12
+    begin = Pose2(1.0, 0.0, led_against(veer))
+    assert off_aim(leg, begin, CHAIR_A, veer) == pytest.approx(0.0, abs=1e-9)
+    turned = veer * LOOK_AHEAD
+    chord = math.sin(turned) / veer, (1.0 - math.cos(turned)) / veer
+    assert (begin @ Pose2(*chord)).y == pytest.approx(0.0, abs=0.005)
+
+
+def test_a_chair_is_turned_before_an_open_leg_so_far_that_its_veer_leads_back_to_it() -> None:
+    guide = GuideConstants(CHAIR_A, RiderModel(veer_per_m=-0.12), DURATIONS)
+    plan = corner()
+    turn = next(k for k, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT)
+    end = plan.steps[turn].end.theta
+    assert guide._begin(plan, turn, GuideState(), GuideInputs(0, Pose2(), Twist())).heading == pytest.approx(
+        end + led_against(-0.12)
+    )
+
+
+def test_a_chair_whose_veer_outruns_the_nudges_stays_near_an_open_leg() -> None:
+    rider = RiderModel(veer_per_m=-0.2, nudge=math.radians(1.0))
+    drive = driven(open_leg(8.0), PlainDriver(Pose2(), rider))
+    assert drive.last.arrived
+    assert abs(drive.driver.pose.y) < 0.25
+    assert any(symbol is Symbol.SWIVEL_LEFT for _, symbol in drive.said)
+
+
+@pytest.mark.parametrize(
+    ("plan", "degrees", "turns"), [("open", 9.0, False), ("open", 11.0, True), ("door", 9.0, True)]
+)
+def test_nudges_in_vain_end_in_a_turn_sooner_before_a_door_than_on_an_open_leg(
+    plan: str, degrees: float, turns: bool
+) -> None:
+    assert 9.0 < math.degrees(OPEN_SWIVEL_FROM) < 11.0
+    steps = open_leg(4.0) if plan == "open" else through(DoorPassage(Pose2(4.0), 0.9))
+    at = next(k for k, each in enumerate(steps.steps) if (each.door is not None) == (plan == "door"))
+    begin = steps.steps[at].start
+    pose, state = begin @ Pose2(0.3, 0.0, math.radians(-degrees)), GuideState(step=at, nudged=IN_VAIN)
+    inputs = GuideInputs(10_000_000_000, pose, Twist(0.2, 0.0), holds=True)
+    word, _ = GuideConstants(CHAIR_A, RiderModel(), DURATIONS).step(steps, state, inputs)
+    assert word.advice is not None
+    assert word.advice.symbol is (Symbol.SWIVEL_LEFT if turns else Symbol.NUDGE_LEFT)
+
+
+def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
+    plan, guide, state = corner(), GuideConstants(CHAIR_A, RiderModel(), DURATIONS), GuideState()
+    state = replace(state, step=next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT))
+    state = replace(state, phase=LeadingPhase.TURN, heading=math.pi / 2)
+    asked = list[Symbol]()
+    for tick in range(1, 400):
+        back = bool(asked) and asked[-1] is Symbol.BACK
+        stick = (-0.2, 0.0) if back else (0.0, 0.2)
+        inputs = GuideInputs.under((1.0, 0.0, 0.0, 0.0), *stick, tick * 50_000_000, Pose2(3.0), Twist())
+        word, state = guide.step(plan, state, inputs)
+        asked += [] if word.advice is None else [word.advice.symbol]
+        if word.astray:
+            break
+    assert word.reason == "neither the turn nor the way back is free"
+    assert tick * TICK_S < 8.0
+    assert asked[-1] is Symbol.BACK
+    assert asked.count(Symbol.BACK) == 1
 
 
 def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> None:

@@ -112,3 +112,21 @@ def test_what_was_known_before_counts_until_there_are_enough_values_which_are_re
     learner.restore(values, {})
     assert learner.model.lag_s == 1.0
     assert learner.values()["lag_s"] == values["lag_s"]
+
+
+def test_the_veer_is_learnt_although_the_driver_is_nudged_all_the_time() -> None:
+    learner = RiderLearner()
+    lag_s = learner.model.lag_s
+    due = [2.0 + 0.7 * k for k in range(10)]  # nudges to the left against a chair that pulls to the right
+    for tick in range(240):
+        at = tick * TICK_S
+        if at == 0.0:
+            learner.note_said(Symbol.FORWARD, 0, 0.45, Twist(0.0, 0.0))
+        if any(abs(at - begin) < 1e-6 for begin in due):
+            learner.note_said(Symbol.NUDGE_LEFT, round(at * 1e9), 0.26, Twist(0.25, -0.03))
+        drives = at > 0.45 + lag_s
+        nudged = any(0.0 <= at - begin - 0.26 - lag_s < 0.2 for begin in due)
+        omega = (-0.03 + (0.15 if nudged else 0.0)) if drives else 0.0
+        learner.note_motion(round(at * 1e9), Twist(0.25 if drives else 0.0, omega))
+    assert learner.model.veer_per_m == pytest.approx(-0.12, abs=0.02)
+    assert learner.model.nudge == pytest.approx(0.03, abs=0.01)
