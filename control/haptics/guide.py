@@ -490,7 +490,7 @@ class _Tick:
         if step.door is not None:
             at = step.start.inverse() @ step.door.map_from_door
             until = min(until, at.x - HALF_WALL - self.guide.body.front - BACK_OFF)
-        until = max(until, -BEHIND_START)  # farther back nobody has looked
+        until = max(until, -BACK_FROM_THINGS if self.now.holds else -BEHIND_START)
         state = replace(
             state, phase=LeadingPhase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None
         )

@@ -143,7 +143,8 @@ SLOW_BEFORE = 1.0
 """m before the pivot of a door the driver is slowed down."""
 
 BEHIND_START = 0.15
-"""m; a driver is not sent back farther behind the start of a leg: behind it the steps are not known to be free."""
+"""m; a driver is not sent back farther behind the start of a leg where no guard holds the stick: behind it the steps are not known to
+be free."""
 
 BACK_FROM_THINGS = 0.4
 """m; way back from something in the way."""

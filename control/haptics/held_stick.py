@@ -7,7 +7,7 @@ one. The guard clamps only: it stops a turn, and never makes one. A turn that th
 from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.course import course_error, on_leg
+from waychair.control.haptics.course import before_wall, course_error, on_leg
 from waychair.control.haptics.guidance import GuideInputs, GuideState, LeadingPhase, StickHold
 from waychair.control.haptics.guide_numbers import (
     ALL,
@@ -93,5 +93,7 @@ def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody,
         return cap
     if state.phase is LeadingPhase.TURN:
         return 0.0  # nearer to the door there would be less room to turn
+    if cap == SLOW and before_wall(step, along, body) < 0.0:
+        return cap  # the front is in a door that is wide enough for what is left of its error
     off = (abs(course_error(step, now, body, veer)) - LEAST_ERROR) / (STRAIGHT_ENOUGH - LEAST_ERROR)
     return cap + min(max(off, 0.0), 1.0) * (CREEPS - cap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import re
+import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -195,15 +196,22 @@ def _harsh(commands: int, fuzzed: int) -> dict[str, Json]:
             "worst_duty_ms_in_10_s": figures[2],
             "longest_vibration_ms": figures[3],
             "longest_crowd_ms": figures[4],
-            "complaint": ordered.stderr.strip()[:500],
+            "complaint": _complaint(ordered),
         },
         "fuzz": {
             "passed": random_bytes.returncode == 0 and fed is not None and int(fed[1]) >= fuzzed,
             "bytes": int(fed[1]) if fed else 0,
             "edges": int(fed[2]) if fed else 0,
-            "complaint": random_bytes.stderr.strip()[:500],
+            "complaint": _complaint(random_bytes),
         },
     }
+
+
+def _complaint(done: subprocess.CompletedProcess[str]) -> str:
+    """Return why a run of the fuzzer failed: its own words, or the status of one that aborted at a broken promise."""
+    if done.returncode == 0:
+        return ""
+    return done.stderr.strip()[:500] or f"ended with status {done.returncode} at a broken promise"
 
 
 class _Live:

@@ -9,10 +9,22 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.course import drift_in_door, led_against, off_aim
+from waychair.control.haptics.course import before_wall, drift_in_door, led_against, off_aim
 from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide import GuideConstants
-from waychair.control.haptics.guide_numbers import ALL, DRIFT, GAP_S, IN_VAIN, LOOK_AHEAD, OPEN_SWIVEL_FROM
+from waychair.control.haptics.guide_numbers import (
+    ALL,
+    BACK_FROM_THINGS,
+    BEHIND_START,
+    CREEPS,
+    DRIFT,
+    GAP_S,
+    IN_VAIN,
+    LOOK_AHEAD,
+    OPEN_SWIVEL_FROM,
+    SLOW,
+)
+from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
@@ -275,6 +287,31 @@ def test_nudges_in_vain_end_in_a_turn_sooner_before_a_door_than_on_an_open_leg(
     word, _ = GuideConstants(CHAIR_A, RiderModel(), DURATIONS).step(steps, state, inputs)
     assert word.advice is not None
     assert word.advice.symbol is (Symbol.SWIVEL_LEFT if turns else Symbol.NUDGE_LEFT)
+
+
+@pytest.mark.parametrize(("ahead", "width", "front"), [(-0.3, 1.0, CREEPS), (0.2, 1.0, SLOW), (0.2, 0.75, CREEPS)])
+def test_a_chair_that_is_askew_creeps_before_a_door_and_in_a_tight_one_only(
+    ahead: float, width: float, front: float
+) -> None:
+    plan = through(DoorPassage(Pose2(4.0), width))
+    at = next(k for k, step in enumerate(plan.steps) if step.door is not None)
+    step = plan.steps[at]
+    pose = step.start @ Pose2(before_wall(step, 0.0, CHAIR_A) + ahead, 0.0, math.radians(9.0))
+    now = GuideInputs(10_000_000_000, pose, Twist(0.1, 0.0), holds=True)
+    hold = stick_hold(plan, GuideState(step=at, phase=LeadingPhase.GO), now, CHAIR_A, 0.0, 10.0)
+    assert hold.front == pytest.approx(front)
+
+
+@pytest.mark.parametrize(("holds", "back"), [(True, BACK_FROM_THINGS), (False, BEHIND_START)])
+def test_a_driver_is_sent_back_behind_the_start_of_a_leg_only_as_far_as_somebody_looks(
+    holds: bool, back: float
+) -> None:
+    state = GuideState(step=0, said=Symbol.FORWARD, said_ns=0, still_ns=0)
+    inputs = GuideInputs(10_000_000_000, Pose2(), Twist(), holds=holds)
+    word, state = GuideConstants(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
+    assert word.advice is not None
+    assert word.advice.symbol is Symbol.BACK
+    assert state.back_until == pytest.approx(-back)
 
 
 def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:

@@ -124,6 +124,22 @@ static void one_step(void)
     judge();
 }
 
+/* The clock jumps. No board can switch a motor off while it is frozen, so this time is nobody's vibration; but it passes, and
+ * rest is rest. */
+static void freeze(uint32_t ms)
+{
+    clock_ms += ms;
+    account.calm += account.calm > 0 ? ms : 0;
+    account.crowd = account.calm >= CALM_MS ? 0 : account.crowd;
+    for (; ms > 0; ms--) {
+        for (int motor = 0; motor < GLOVE_MOTORS_MAX; motor++) {
+            account.duty[motor] -= account.was_on[account.at][motor];
+            account.was_on[account.at][motor] = 0;
+        }
+        account.at = (account.at + 1) % WINDOW_MS;
+    }
+}
+
 static void start(void)
 {
     memset(account.was_on, 0, sizeof account.was_on); /* a reboot forgets how warm the motors are */
@@ -350,7 +366,7 @@ static int random_commands(unsigned long long total)
         if (draw(64) == 0)
             sensed.worn = draw(4) > 0;
         if (draw(256) == 0)
-            clock_ms += (uint32_t)draw(3) * 40;
+            freeze((uint32_t)draw(3) * 40);
         for (size_t ms = draw(hard || draw(8) == 0 ? 480 : 200); ms > 0; ms--)
             one_step();
         if (BOARD.core.state == GLOVE_WAITING || BOARD.core.state == GLOVE_LOST) {
