@@ -41,7 +41,7 @@ class GuideState:
     """Memory of the guide between two steps.
 
     `step` is the index in the plan. `heading` [rad] is the one to turn to, `back_until` [m] the place along the leg up to
-    which to back. `said`, `said_ns`: the last symbol and its beginning. `expected_ns`: since when the chair has not moved as
+    which to back. `said`, `said_ns`: the last symbol and its beginning. `still_ns`: since when the chair has not moved as
     it should. `nudged`: nudges in a row to one side without an effect, left positive. `tries`: at the present door
     or turn. `ignored`: symbols in a row without any effect.
     """

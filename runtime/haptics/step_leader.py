@@ -112,7 +112,11 @@ class StepLeader:
         if guidance.arrived:
             self.end("arrived")
             self.arrived = True
-        elif guidance.astray and self._planning is None and now.now_ns - self._vain.asked_ns >= ASKED_NS:
+        elif (
+            (guidance.astray or self.waits)  # the steps that there are may lead to where others begin
+            and self._planning is None
+            and now.now_ns - self._vain.asked_ns >= ASKED_NS
+        ):
             self._ask_anew(guidance.reason, now)
         return guidance
 

@@ -56,6 +56,16 @@ def test_a_rider_waits_with_the_reason_and_goes_on_once_the_way_is_free_again() 
     assert np.hypot(plan.steps[0].start.x - ASIDE.x, plan.steps[0].start.y - ASIDE.y) < 0.05
 
 
+def test_a_rider_who_waits_gets_steps_from_wherever_they_begin_again() -> None:
+    leading = Leading()
+    leading.shut = True
+    leading.run(ASIDE, 3.0)
+    assert leading.leader.waits
+    leading.shut = False
+    leading.run(START, 2.5)  # back on the old way, where the guide itself wants nothing else
+    assert leading.leader.waits == ""
+
+
 def test_a_rider_to_whom_nothing_leads_on_is_told_so_in_the_end() -> None:
     leading = Leading()
     leading.shut = True
