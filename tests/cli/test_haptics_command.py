@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import refused, waychair
+from tests.ros.realtime import ALONE
 from waychair.control.haptics.patterns import PATTERNS_FILE
 from waychair.control.haptics.profile import HapticsProfile, load_profile, save_profile
 from waychair.firmware_bridge.glove.program import LiveGlove, glove_program
@@ -52,11 +53,13 @@ def test_the_riders_fitting_and_the_direction_of_an_obstacle_are_used(tmp_path: 
     assert [line.split(": ")[1] for line in done.stdout.splitlines()] == ["motor 6 at 55 %"] * 2
 
 
+@ALONE
 def test_a_symbol_is_played_on_a_live_glove(live: LiveGlove) -> None:
     done = waychair("haptics", "play", "nudge_left", "--port", f"pty:{live.path}")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@ALONE
 @pytest.mark.parametrize(("times", "told"), [(1, ""), (100, "the glove was lost in the middle of a pattern")])
 def test_a_pattern_that_a_busy_computer_stops_is_begun_again(times: int, told: str) -> None:
     with LiveGlove(glove_program()) as glove:
@@ -109,6 +112,7 @@ class Answers(io.StringIO):
         return super().readline(size)
 
 
+@ALONE
 def test_a_rider_who_takes_time_is_asked_how_the_glove_sits(
     tmp_path: Path, live: LiveGlove, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +142,7 @@ def test_impossible_arguments_are_refused_with_one_sentence(words: list[str], to
     assert told in refused(waychair("haptics", *words))
 
 
+@ALONE
 def test_answers_that_end_too_soon_leave_no_file(
     tmp_path: Path, live: LiveGlove, monkeypatch: pytest.MonkeyPatch
 ) -> None:
