@@ -32,7 +32,7 @@ from waychair.planning.body.personal_space import LegClearanceSettings, Personal
 from waychair.planning.seen.person_tracks import TrackSettings
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.runtime.chair import ChairSettings
-from waychair.simulation.plan.floor_plan import FloorPlan, PlanPit, PlanWall
+from waychair.simulation.plan.floor_plan import FloorPlan, PlanPit, PlanWall, walls_round
 from waychair.simulation.plan.plan_blocks import fill_rectangle
 from waychair.simulation.plan.world import World, load_world, world_from_plan
 from waychair.simulation.scene.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
@@ -320,10 +320,7 @@ def sensors_for(protection: Protection) -> SimulatorSettings:
 
 def hall_plan(size: tuple[float, float], pits: Sequence[PlanPit] = (), walls: Sequence[PlanWall] = ()) -> FloorPlan:
     """Return a rectangular floor with four walls round it, and pits."""
-    x, y = size
-    corners = [(0.0, 0.0), (x, 0.0), (x, y), (0.0, y)]
-    outer = [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
-    return FloorPlan(name="edge", size=size, start=(0.0, 0.0, 0.0), walls=[*outer, *walls], pits=[*pits])
+    return FloorPlan(name="edge", size=size, start=(0.0, 0.0, 0.0), walls=[*walls_round(size), *walls], pits=[*pits])
 
 
 def _is_glass(block: Block) -> bool:

@@ -17,7 +17,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.speed.limiter import LimiterSettings
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.runtime.chair import ChairSettings
-from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, PlanDoor, PlanWall
+from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, PlanDoor, PlanWall, walls_round
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.simulation.scene.scene import PersonBehaviour, PersonPlan
 from waychair.types import OccupancyGrid, Place, Pose2, Scan, SensorMessage, WheelTicks
@@ -80,14 +80,11 @@ def _room(
     people: Sequence[PersonPlan] = (),
 ) -> World:
     """Return a room whose inner faces lie 5 cm inside a rectangle from the origin."""
-    x, y = size
-    corners = [(0.0, 0.0), (x, 0.0), (x, y), (0.0, y)]
-    outer = [PlanWall(start=corners[k], end=corners[(k + 1) % 4]) for k in range(4)]
     plan = FloorPlan(
         name="situation",
         size=size,
         start=(start.x, start.y, start.theta),
-        walls=[*outer, *walls],
+        walls=[*walls_round(size), *walls],
         boxes=list(boxes),
         resolution=0.01,
     )

@@ -19,7 +19,7 @@ from waychair.firmware_bridge.glove.fitting import Fitting
 from waychair.firmware_bridge.glove.layouts import layout_named
 from waychair.firmware_bridge.glove.program import GloveConfig, HostGlove, glove_program
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
+from waychair.simulation.plan.floor_plan import FloorPlan, walls_round
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.simulation.rider.blind_driver import BlindDriver
 from waychair.simulation.rider.driver_presets import driver_named
@@ -109,10 +109,11 @@ def true_rider(body: ChairBody, driver: str, seed: int) -> TrueRider:
 
 def _room() -> World:
     """Return an empty room with the chair at one end, facing the other."""
-    corners = [(0.2, 0.2), (0.2 + LENGTH, 0.2), (0.2 + LENGTH, 0.2 + WIDTH), (0.2, 0.2 + WIDTH)]
-    walls = [PlanWall(start=a, end=b, thickness=0.1) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
     plan = FloorPlan(
-        name="empty room", size=(LENGTH + 0.4, WIDTH + 0.4), start=(2.0, 0.2 + WIDTH / 2, 0.0), walls=walls
+        name="empty room",
+        size=(LENGTH + 0.4, WIDTH + 0.4),
+        start=(2.0, 0.2 + WIDTH / 2, 0.0),
+        walls=walls_round((LENGTH, WIDTH), corner=(0.2, 0.2)),
     )
     return world_from_plan(plan, plan.name)
 

@@ -109,6 +109,13 @@ class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return math.dist(self.start, self.end)
 
 
+def walls_round(size: Point, corner: Point = (0.0, 0.0)) -> list[PlanWall]:
+    """Return four walls along the sides of a rectangle; `corner` is its lower left one."""
+    (low, deep), (high, far) = corner, (corner[0] + size[0], corner[1] + size[1])
+    corners = [(low, deep), (high, deep), (high, far), (low, far)]
+    return [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+
+
 class PlanBox(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A piece of furniture: its size along its own x and y, turned by `yaw` [rad], from `low` to `high` [m]."""
 

@@ -23,7 +23,7 @@ from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.steps.step_planner import StepPlanner
-from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, PlanWall
+from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, walls_round
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.trials.guiding.guided import GuidedSetup, RiderTold
 from waychair.types import Goal, HelpLevel, Json, Place, Pose2
@@ -99,9 +99,7 @@ def _box(rng: np.random.Generator) -> PlanBox:
 
 
 def _room(boxes: list[PlanBox], start: Pose2) -> World:
-    low, high = EDGE, EDGE + SIDE
-    corners = [(low, low), (high, low), (high, high), (low, high)]
-    walls = [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+    walls = walls_round((SIDE, SIDE), corner=(EDGE, EDGE))
     size = SIDE + 2.0 * EDGE
     plan = FloorPlan(name="clutter", size=(size, size), start=(start.x, start.y, start.theta), walls=walls, boxes=boxes)
     return world_from_plan(plan, "clutter")

@@ -13,7 +13,7 @@ from evaluation.scenes.tight_places import map_of
 from evaluation.scenes.timed_drives import MappedWorld, TimedDrive, drives, random_poses
 from evaluation.scenes.way_manners import WayManners
 
-from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
+from waychair.simulation.plan.floor_plan import FloorPlan, walls_round
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -26,8 +26,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _room() -> World:
     """Return a room of 6 by 4 m."""
-    corners = [(0.2, 0.2), (6.2, 0.2), (6.2, 4.2), (0.2, 4.2)]
-    walls = [PlanWall(start=a, end=b, thickness=0.1) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    walls = walls_round((6.0, 4.0), corner=(0.2, 0.2))
     return world_from_plan(FloorPlan("room", (6.4, 4.4), (1.2, 2.2, 0.0), walls=walls, resolution=0.01), "room")
 
 
