@@ -103,7 +103,7 @@ class Bystanders:
         self._note_stays(now_ns, odom_from_map @ pose)
         self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius
         room = personal_space_points(
-            self.tracks, self._room, odom_from_map @ pose, self._body, self._margin + LEAVING_PEOPLE
+            self.tracks, lambda _: self._room, odom_from_map @ pose, self._body, self._margin + LEAVING_PEOPLE
         )
         may_go = (*(track for track in self.tracks if not self._has_settled(track)), *self._tracker.recently_lost)
         places = np.array([track.position for track in may_go]).reshape(-1, 2)
@@ -130,6 +130,14 @@ class Bystanders:
             for track in tracks_at(self.tracks, now_ns)
             if self._gap(track, odom_from_base) > track.radius
         )
+
+    def in_reach(self, odom_from_base: Pose2) -> FloatArray:
+        """Return points (N, 2) [m] in odom round the places that walking people can reach while the chair stops.
+
+        Nobody can tell whether somebody who walks turns about: they come so far in any direction.
+        """
+        walking = (track for track in self.tracks if track.is_walking)
+        return personal_space_points(walking, _reach, odom_from_base, self._body, self._margin + LEAVING_PEOPLE)
 
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
@@ -193,6 +201,18 @@ class Bystanders:
     def _gap(self, track: Track, odom_from_base: Pose2) -> float:
         """Return the distance [m] from the chair's footprint, grown by its margin, to the middle of a person."""
         return distance_to_body(track.position, odom_from_base, self._body) - self._margin
+
+
+def _reach(track: Track) -> float:
+    """Return how far [m] from its middle a person's body comes while the chair stops."""
+    return track.radius + min(track.speed, _FASTEST) * _STOPPED_AFTER_S
+
+
+_FASTEST = 1.5
+"""m/s; people near a chair walk no faster, whatever a short track says."""
+
+_STOPPED_AFTER_S = 0.6
+"""s from somebody's turn until a chair that a hand drives at 0.3 m/s stands (measured: 0.55 s of it braking)."""
 
 
 def _standing_at(position: FloatArray, track: Track) -> Track:

@@ -187,8 +187,13 @@ class Navigator:
 
     @property
     def beyond_scans(self) -> tuple[FloatArray, FloatArray]:
-        """Points (N, 2) [m] in map that no scan shows: drop-offs, and things that only sonars and depth camera show."""
-        return self._surroundings.missing_floor(), self._surroundings.things_unscanned()
+        """Points (N, 2) [m] in map that no scan shows: drop-offs, and others.
+
+        The others are things that only sonars and depth camera show, and the reach of walking people.
+        """
+        odom_from_map = self._now.map_from_odom.inverse()
+        people = transform_points(self._now.map_from_odom, self._people.in_reach(odom_from_map @ self._now.pose))
+        return self._surroundings.missing_floor(), np.concatenate([self._surroundings.things_unscanned(), people])
 
     def step(
         self,

@@ -105,3 +105,8 @@ def is_hopeless(step: Step, along: float, aside: float, body: ChairBody) -> bool
     at = step.start.inverse() @ step.door.map_from_door
     needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
     return before_wall(step, along, body) > TURN_BEFORE_WALL and needed > GATE_TURN
+
+
+def front_at_door(step: Step, along: float, body: ChairBody) -> bool:
+    """Return whether the front of a chair `along` [m] the leg stands close before a door or in it."""
+    return step.door is not None and -body.length < before_wall(step, along, body) < TURN_BEFORE_WALL

@@ -18,6 +18,7 @@ from waychair.control.haptics.course import (
     before_wall,
     course_error,
     drift_in_door,
+    front_at_door,
     is_hopeless,
     led_against,
     may_swivel,
@@ -32,6 +33,7 @@ from waychair.control.haptics.guide_numbers import (
     AIM_PART,
     AIM_TICKS,
     ASTRAY,
+    ASTRAY_AT_GOAL,
     BACK_FROM_THINGS,
     BACK_OFF,
     BEHIND_START,
@@ -46,6 +48,7 @@ from waychair.control.haptics.guide_numbers import (
     IN_VAIN,
     IN_VAIN_FROM,
     KEEPS_WAITING_S,
+    MISSED,
     MOST_TRIES,
     NEAR_END,
     NUDGED_S,
@@ -73,7 +76,6 @@ from waychair.control.haptics.guide_numbers import (
     SWIVEL_FROM,
     SWIVELLING,
     SWIVELS,
-    TURN_BEFORE_WALL,
     VALID_NS,
 )
 from waychair.control.haptics.held_stick import stick_hold
@@ -202,7 +204,10 @@ class _Tick:
         moves = abs(self.now.twist.v) > STILL_V or abs(self.now.twist.omega) > STILL_OMEGA
         if state.said is not Symbol.ARRIVED or (moves and self._since_obeyed(state) > OBEYED_S):
             return self._say(Symbol.ARRIVED, "arrived", state)
-        return GuideWord(None, step, "arrived", arrived=not moves and self._since_obeyed(state) > 0.0), state
+        stands = not moves and self._since_obeyed(state) > 0.0
+        if stands and math.hypot(step.end.x - self.now.pose.x, step.end.y - self.now.pose.y) > MISSED:
+            return self._quiet("beside the place", state, astray=True)
+        return GuideWord(None, step, "arrived", arrived=stands), state
 
     def _next(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """Go on to the next step."""
@@ -341,7 +346,7 @@ class _Tick:
         ends = step.length - along
         if ends <= (max(v, 0.0) * self.guide.lead(following) if following is not Symbol.FORWARD else 0.0) + NEAR_END:
             return self._next(state)
-        if abs(aside) > ASTRAY or along < -2.0 * ASTRAY:
+        if abs(aside) > (ASTRAY_AT_GOAL if following is Symbol.ARRIVED else ASTRAY) or along < -2.0 * ASTRAY:
             return self._quiet("off the way", state, astray=True)
         ahead_s = self.guide.lead(Symbol.NUDGE_LEFT)
         error, course = self._error(step, state, ahead_s)
@@ -390,9 +395,13 @@ class _Tick:
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < OBEYED_S
         stood = self._stood(state, Symbol.FORWARD)
         askew = abs(error) > STRAIGHT_ENOUGH
-        if state.said is Symbol.FORWARD and not pending and (now.held_ahead or stood > 2.0 * STUCK_S):
+        step = self.plan.steps[state.step]
+        along, _, _ = on_leg(step, now.pose)
+        held = now.held_ahead and (step.door is not None or stood > STUCK_S)  # elsewhere somebody may walk by
+        blocked = held or stood > 2.0 * STUCK_S
+        if state.said is Symbol.FORWARD and not pending and blocked:
             return self._retry(state, "something is in the way")
-        if stood > STRAIGHTENS_S or (askew and not pending and self._front_at_door(state)):
+        if stood > STRAIGHTENS_S or (askew and not pending and front_at_door(step, along, self.guide.body)):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)
@@ -405,14 +414,6 @@ class _Tick:
     def _stood(self, state: GuideState, symbol: Symbol) -> float:
         """Return for how long [s] the chair has not moved although it could have obeyed a symbol."""
         return 0.0 if state.still_ns is None else (self.now.now_ns - state.still_ns) * 1e-9 - self.guide.lead(symbol)
-
-    def _front_at_door(self, state: GuideState) -> bool:
-        """Return whether the chair's front stands close before a door or in it."""
-        step = self.plan.steps[state.step]
-        if step.door is None:
-            return False
-        along, _, _ = on_leg(step, self.now.pose)
-        return -self.guide.body.length < before_wall(step, along, self.guide.body) < TURN_BEFORE_WALL
 
     def _following(self, state: GuideState) -> Symbol:
         following = self.plan.steps[state.step + 1]

@@ -79,8 +79,11 @@ MOST_TRIES, OPEN_TRIES = 12, 2
 """Tries at one door, and shuffles at one turn, before the guide asks for other steps; and tries where other ways are likely: on a
 leg without a door."""
 
-ASTRAY = 0.5
-"""m; farther beside the leg new steps are wanted."""
+ASTRAY, ASTRAY_AT_GOAL = 0.5, 0.35
+"""m; farther beside a leg, or beside the one to the goal, new steps are wanted."""
+
+MISSED = 0.3
+"""m; a driver who has come to rest farther from the steps' end is led on: a place counts up to 0.5 m, and both end and pose are a little off."""
 
 STILL_V, STILL_OMEGA = 0.03, 0.05
 """m/s, rad/s; below these the chair stands."""

@@ -12,7 +12,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
 from waychair.config import Settings, given, setting
-from waychair.control.safety.arc_entry import entry_times
+from waychair.control.safety.arc_entry import entry_times, may_enter
 from waychair.planning.body.clearance import (
     CRAWL_SPEED,
     FULL_SPEED,
@@ -91,7 +91,9 @@ def stoppable_along(
     (`scanned`) are exact to the centimetre, so that way and turn of a stop count apart; those of a map or a camera may be
     half a cell or an error of the pose nearer, and the longer stop of any part of the chair counts.
     """
-    share, contact_s = _comfortable(points, slim, push, body, settings, gave_way, BESIDE_HAND)
+    braking_s = settings.reaction_s + _half_braking_s(push)
+    later_s = max(braking_s, stop_seconds(push, settings, stops), stop_seconds(push, settings, stops, apart=True))
+    share, contact_s = _comfortable(points, slim, push, body, settings, gave_way, BESIDE_HAND, later_s + _LATER_S)
     for _ in range(_HALVINGS):
         slower = Twist(share * push.v, share * push.omega)
         if share >= 1.0 or contact_s >= share * stop_seconds(slower, settings, stops, apart=scanned):
@@ -99,6 +101,9 @@ def stoppable_along(
         share /= 2.0
     return 0.0
 
+
+_LATER_S = 0.1
+"""s; a contact so long after the longest stop permits a whole push."""
 
 _HALVINGS = 6
 """Halvings of a share before it counts as none."""
@@ -112,8 +117,14 @@ def _comfortable(
     settings: MonitorSettings,
     gave_way: bool,
     least_beside: float,
+    within_s: float = math.inf,
 ) -> tuple[float, float]:
-    """Return the share of a command that stops in comfort, and the contact time [s] of the whole command."""
+    """Return the share of a command that stops in comfort, and the contact time [s] of the whole command.
+
+    Contacts after `within_s` [s] may count as none.
+    """
+    near = _may_touch(points, slim, command, body, settings.legs, least_beside, within_s)
+    points, slim = points[near], slim[near]
     share, contact_s = 0.0, math.inf
     considered = judged_shares(command, body)
     for pace in considered[-1:] if gave_way else considered:
@@ -122,6 +133,23 @@ def _comfortable(
         if share >= 1.0:
             return 1.0, contact_s
     return share, contact_s
+
+
+def _may_touch(
+    points: FloatArray,
+    slim: BoolArray,
+    command: Twist,
+    body: ChairBody,
+    legs: LegClearanceSettings,
+    least_beside: float,
+    within_s: float,
+) -> BoolArray:
+    """Return a mask (N,) of the points that the footprint may touch in time, grown by the most that `contact_times` does."""
+    beside, more = margins(command, body)
+    if slim.any():
+        more = max(more, legs.ahead, legs.ahead_after, legs.beside, legs.beside_after, legs.turning)
+    grown = max(beside, least_beside) + more
+    return may_enter(points, command, body.front + grown, body.rear + grown, body.width / 2 + grown, within_s)
 
 
 def _contact_s(
@@ -249,8 +277,13 @@ def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> f
     At a share k the stop covers k reaction + k^2 T of the command's driving time, T being half the braking time. The
     greatest allowed k makes that equal to contact_s.
     """
-    half = 0.5 * max(abs(command.v) / SLOWING, abs(command.omega) / SLOWING_ALPHA)
+    half = _half_braking_s(command)
     if math.isinf(contact_s) or half == 0.0:
         return 1.0
     reaction = settings.reaction_s
     return min(1.0, (math.sqrt(reaction * reaction + 4.0 * half * contact_s) - reaction) / (2.0 * half))
+
+
+def _half_braking_s(command: Twist) -> float:
+    """Return half the time [s] of braking in comfort from a command."""
+    return 0.5 * max(abs(command.v) / SLOWING, abs(command.omega) / SLOWING_ALPHA)

@@ -12,6 +12,28 @@ import numpy as np
 from waychair.types import BoolArray, FloatArray, Twist
 
 
+def may_enter(
+    points: FloatArray, command: Twist, front: float, rear: float, half: float, within_s: float = math.inf
+) -> BoolArray:
+    """Return a mask (N,) of points (N, 2) [m] in base that a rectangle may meet on an arc of so many seconds; no other does.
+
+    The rectangle reaches front, rear and half [m] from the axle's middle ahead, back and to either side.
+    """
+    x, y = points.T
+    v, omega = command.v, command.omega
+    way = abs(v) * within_s if v else 0.0
+    if abs(omega) < _STRAIGHT:
+        ahead, behind = (front + way, rear) if v > 0.0 else (front, rear + way)
+        strip: BoolArray = (np.abs(y) <= half) & (x <= ahead) & (x >= -behind)
+        return strip
+    longest, centre = max(front, rear), abs(v / omega)
+    radius = np.hypot(x, y - v / omega)
+    nearest, farthest = max(centre - half, 0.0), math.hypot(longest, centre + half)
+    ring: BoolArray = (radius >= nearest - _STRAIGHT) & (radius <= farthest + _STRAIGHT)
+    near: BoolArray = ring & (np.hypot(x, y) <= math.hypot(longest, half) + way)
+    return near
+
+
 def entry_times(
     x: FloatArray, y: FloatArray, command: Twist, front: FloatArray, rear: FloatArray, half: FloatArray
 ) -> FloatArray:
@@ -24,58 +46,34 @@ def entry_times(
     """
     v, omega = command.v, command.omega
     times = np.full(len(x), math.inf)
-    if v == 0.0 and abs(omega) < _STRAIGHT:
+    if abs(omega) >= _STRAIGHT:
+        return _turning(x, y - v / omega, v / omega, omega, front, rear, half)
+    if v == 0.0:
         return times
-    near = _come_by(x, y, v, omega, front, rear, half)
-    x, y, front, rear, half = x[near], y[near], front[near], rear[near], half[near]
-    best = np.full(len(x), math.inf)
-    for level, upright in ((front, True), (-rear, True), (half, False), (-half, False)):
-        for t in _crossings(x, y, v, omega, level, upright):
-            px, py = _moved(x, y, v, omega, t)
-            inside = np.abs(py) <= half if upright else (px <= front) & (px >= -rear)
-            best = np.where((t >= 0.0) & inside & (t < best), t, best)
-    times[near] = best
+    within = np.abs(y) <= half
+    for level in (front, -rear):
+        t = (x - level) / v
+        times = np.where(within & (t >= 0.0) & (t < times), t, times)
     return times
 
 
-def _come_by(
-    x: FloatArray, y: FloatArray, v: float, omega: float, front: FloatArray, rear: FloatArray, half: FloatArray
-) -> BoolArray:
-    """Return a mask (N,) of points whose circle or line meets the largest rectangle; no other point enters any."""
-    side = float(half.max(initial=0.0))
-    if abs(omega) < _STRAIGHT:
-        straight: BoolArray = np.abs(y) <= side
-        return straight
-    ahead, behind, centre = float(front.max(initial=0.0)), float(rear.max(initial=0.0)), abs(v / omega)
-    radius = np.hypot(x, y - v / omega)
-    nearest, farthest = max(centre - side, 0.0), math.hypot(max(ahead, behind), centre + side)
-    turning: BoolArray = (radius >= nearest - _STRAIGHT) & (radius <= farthest + _STRAIGHT)
-    return turning
-
-
-def _crossings(
-    x: FloatArray, y: FloatArray, v: float, omega: float, level: FloatArray, upright: bool
-) -> tuple[FloatArray, ...]:
-    """Return the times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan if never."""
+def _turning(
+    x: FloatArray, y: FloatArray, centre: float, omega: float, front: FloatArray, rear: FloatArray, half: FloatArray
+) -> FloatArray:
+    """Return the times (N,) [s] for points at x, y (N,) [m] from the centre of the arc, which lies beside the axle."""
+    times = np.full(len(x), math.inf)
+    gear = math.copysign(1.0, omega)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if abs(omega) < _STRAIGHT:
-            return ((x - level) / v if upright else np.full(len(x), math.nan),)
-        radius_y = y - v / omega
-        reach, phase = np.hypot(x, radius_y), np.arctan2(radius_y, x)
-        part = (level / reach) if upright else (level - v / omega) / reach
-        turn = np.arccos(part) if upright else np.arcsin(part)
-        angles = (turn, -turn) if upright else (turn, math.pi - turn)
-        # the phase falls by omega t; the first time that is not in the past
-        return tuple(np.mod((phase - angle) * math.copysign(1.0, omega), math.tau) / abs(omega) for angle in angles)
-
-
-def _moved(x: FloatArray, y: FloatArray, v: float, omega: float, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the points' positions in the chair's frame after times t (N,) [s]."""
-    if abs(omega) < _STRAIGHT:
-        return x - v * t, y
-    c, s = np.cos(omega * t), np.sin(omega * t)
-    radius_y = y - v / omega
-    return c * x + s * radius_y, c * radius_y - s * x + v / omega
+        reach, phase = np.hypot(x, y), np.arctan2(y, x)
+        for level, upright in ((front, True), (-rear, True), (half - centre, False), (-half - centre, False)):
+            part = level / reach  # nan below where the circle does not come so far
+            turn = np.arccos(part) if upright else np.arcsin(part)
+            along = reach * np.sqrt(1.0 - part * part)
+            for angle, other in ((turn, along), (-turn if upright else math.pi - turn, -along)):
+                t = np.mod((phase - angle) * gear, math.tau) / abs(omega)  # the phase falls by omega t
+                inside = np.abs(other + centre) <= half if upright else (other <= front) & (other >= -rear)
+                times = np.where(inside & (t < times), t, times)
+    return times
 
 
 _STRAIGHT = 1e-6

@@ -12,7 +12,7 @@ recognised by the distance they have walked. Either way the scan has to show tha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -207,7 +207,7 @@ class Tracker:
 
 
 def personal_space_points(
-    tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float
+    tracks: Iterable[Track], room: Callable[[Track], float], pose: Pose2, body: ChairBody, spare: float
 ) -> FloatArray:
     """Return (N, 2) points on circles of `room` [m] around people, as obstacles.
 
@@ -218,7 +218,7 @@ def personal_space_points(
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
     circles = [np.empty((0, 2))]
     for track in tracks:
-        radius = min(room, distance_to_body(track.position, pose, body) - spare)
+        radius = min(room(track), distance_to_body(track.position, pose, body) - spare)
         if track.is_person and radius > 0.0:
             circles.append(track.position + radius * circle)
     return np.concatenate(circles)

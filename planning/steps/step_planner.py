@@ -41,8 +41,8 @@ BACK_COST = 3.0
 _ALONG, _ASIDE = 0.4, (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
 """m; places for pivots: along the route, and beside it."""
 
-_GOAL_RING, _GOAL_COST = 0.3, 2.0
-"""m and cost per m; an arrival so near to the goal will do where the goal itself is too tight."""
+_GOAL_RINGS, _GOAL_COST = (0.15, 0.3), 4.0
+"""m and cost per m; an arrival so near to the goal will do where the goal itself is too tight, the nearer the better."""
 
 _OUT_AHEAD, _OUT_BACK = (0.25, 0.5, 0.8, 1.2, 1.6, 2.0), (0.25, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0)
 """m; ways straight out of a place in which the chair cannot turn."""
@@ -78,7 +78,7 @@ def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) 
         NoSteps: there are none.
     """
     ground, body = ClearGround(costmap), costmap.body
-    if math.hypot(goal.x - start.x, goal.y - start.y) < _GOAL_RING:
+    if math.hypot(goal.x - start.x, goal.y - start.y) < _GOAL_RINGS[-1]:
         return with_pivots(start, [], _last_heading(ground, start, goal))
     doors = doors_on(costmap, route)
     narrow = doors_too_narrow(doors, body)
@@ -140,8 +140,9 @@ def _places(ground: ClearGround, route: FloatArray, goal: Pose2) -> FloatArray:
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     beside = (even[:, None] + np.array(_ASIDE)[None, :, None] * left[:, None]).reshape(-1, 2)
     angles = np.arange(8) * math.tau / 8
-    ring = np.array([goal.x, goal.y]) + _GOAL_RING * np.column_stack([np.cos(angles), np.sin(angles)])
-    return np.concatenate([beside[ground.spin_room(beside) >= SPIN_ROOM], [[goal.x, goal.y]], ring])
+    round_goal = np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [np.array([goal.x, goal.y]) + radius * round_goal for radius in _GOAL_RINGS]
+    return np.concatenate([beside[ground.spin_room(beside) >= SPIN_ROOM], [[goal.x, goal.y]], *rings])
 
 
 class _Search:
@@ -162,7 +163,7 @@ class _Search:
         self._spins = ground.spin_room(self._points) >= SPIN_ROOM
         self._spins[-1] = False
         away = np.hypot(*(self._points - (goal.x, goal.y)).T)
-        self._last = np.where(away <= _GOAL_RING + 1e-6, _GOAL_COST * away, math.inf)
+        self._last = np.where(away <= _GOAL_RINGS[-1] + 1e-6, _GOAL_COST * away, math.inf)
         first = len(places)
         self._doors = {first + 2 * k: (_RANK_COST * rank, step) for k, (rank, step) in enumerate(doors)}
         first += len(at_doors)
@@ -191,7 +192,7 @@ class _Search:
                 if onto not in settled and reached < best.get(onto, math.inf) - 1e-9:
                     best[onto], came[onto] = reached, (at, leg)
                     away = math.hypot(self._points[onto][0] - self._goal.x, self._points[onto][1] - self._goal.y)
-                    heapq.heappush(queue, (reached + max(away - _GOAL_RING, 0.0), next(order), onto, False))
+                    heapq.heappush(queue, (reached + max(away - _GOAL_RINGS[-1], 0.0), next(order), onto, False))
         return None
 
     def _chain(self, came: dict[int, tuple[int, Step]], at: int) -> list[Step]:

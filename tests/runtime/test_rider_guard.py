@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from tests.runtime.riding import Ride
@@ -19,7 +20,7 @@ from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.rider.rider_guard import NOTHING_HELD, OVERRIDES
 from waychair.simulation.plan.plan_blocks import fill_rectangle
-from waychair.simulation.scene.scene import Block, Pit
+from waychair.simulation.scene.scene import Block, PersonBehaviour, PersonPlan, Pit
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import SimulatorSettings
@@ -97,6 +98,22 @@ def test_a_table_that_only_the_map_shows_stops_a_push_and_lets_go_once_it_is_era
         assert state.telemetry is not None
         assert state.telemetry.guard is not None
         assert state.telemetry.guard.caps[0] > 0.3
+
+
+def test_a_push_waits_until_somebody_who_walks_across_is_out_of_reach() -> None:
+    x = 2.0 + CHAIR_A.front + 0.75
+    person = PersonPlan(PersonBehaviour.PATH, np.array([[x, 0.9], [x, 4.1]]), speed=0.8, yields=False)
+    with Ride(people=(person,)) as ride:
+        _guarded(ride)
+        caps = {}
+        ride.simulator.rider = JoystickInput(0, 0.3, 0.0)
+        while (aside := ride.simulator.people[0].pose.y - 2.5) < 1.5:
+            state = ride.tick()
+            assert state.telemetry is not None
+            assert state.telemetry.guard is not None
+            caps[aside] = state.telemetry.guard.caps[0]
+        assert max(cap for aside, cap in caps.items() if aside < 0.9) < 0.2, "not before the chair, but in reach of it"
+        assert caps[max(caps)] > 0.5
 
 
 def test_a_press_lets_the_rider_creep_against_a_shelf_until_the_stick_is_let_go() -> None:

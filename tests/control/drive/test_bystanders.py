@@ -140,6 +140,19 @@ def test_a_person_who_paces_before_a_standing_chair_is_predicted_at_the_middle_o
     assert not watch.people.someone_lingers_near(np.empty((0, 2)), 0.3)
 
 
+def test_nobody_who_walks_can_reach_a_chair_that_stops_outside_their_reach() -> None:
+    watch = Watch()
+    watch.see(walks_by, 4.0)
+    at, speed = np.array(walks_by(3.9)), 0.8
+    reach = np.hypot(*(watch.people.in_reach(HERE) - at).T)
+    assert 0.3 + 0.5 * speed < reach.min() <= reach.max() < 0.3 + 0.75 * speed
+    near = Pose2(*(at - (CHAIR_A.front + 0.3, 0.0)))
+    ahead = watch.people.in_reach(near)[:, 0] - near.x
+    assert CHAIR_A.front < ahead.min() < CHAIR_A.front + 0.1, "a chair in reach may leave and come no nearer"
+    watch.see(lambda _: (float(at[0]), float(at[1])), PAUSE_S + 2.0)
+    assert len(watch.people.in_reach(HERE)) == 0, "the scan shows somebody who stands"
+
+
 def test_no_person_lingers_for_a_chair_that_moves_on() -> None:
     watch = Watch()
 

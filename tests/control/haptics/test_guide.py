@@ -333,6 +333,41 @@ def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
     assert asked.count(Symbol.BACK) == 1
 
 
+def _held_ahead_until(plan: StepPlan, driven_m: float) -> float:
+    """Return the time [s] after which a driver whom the guard holds from a place on is sent back; inf if never."""
+    guide, driver, state = (
+        GuideConstants(CHAIR_A, RiderModel(), DURATIONS),
+        PlainDriver(HERE, RiderModel()),
+        GuideState(),
+    )
+    held_s = 0.0
+    for tick in range(1, 600):
+        held = driver.pose.x >= driven_m
+        held_s += TICK_S if held else 0.0
+        inputs = GuideInputs(tick * 50_000_000, driver.pose, driver.twist, held_ahead=held, holds=True)
+        guidance, state = guide.step(plan, state, inputs)
+        if state.phase is LeadingPhase.BACK:
+            return held_s
+        if guidance.advice is not None:
+            driver.hear(guidance.advice.symbol, tick * TICK_S)
+        driver.step(tick * TICK_S, StickHold(front=0.0) if held else guidance.hold)
+    return math.inf
+
+
+def test_somebody_who_walks_by_has_time_to_pass_before_a_driver_on_an_open_leg_is_sent_back() -> None:
+    assert 4.0 < _held_ahead_until(open_leg(4.0), 1.0) < 8.0
+
+
+def test_a_driver_who_stops_short_of_the_place_gets_new_steps() -> None:
+    plan, guide = open_leg(2.0), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    ended = {}
+    for short in (0.1, 0.45):
+        said = GuideState(1, LeadingPhase.DONE, said=Symbol.ARRIVED, said_ns=0)
+        guidance, _ = guide.step(plan, said, GuideInputs(3_000_000_000, Pose2(2.0 - short), Twist()))
+        ended[short] = guidance.arrived, guidance.astray
+    assert ended == {0.1: (True, False), 0.45: (False, True)}
+
+
 def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> None:
     about = Step(StepKind.STRAIGHT, Pose2(0.0, 0.0, math.pi), Pose2(-2.0, 0.0, math.pi), room=0.3)
     guide, plan = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), with_pivots(Pose2(), [about], None)

@@ -185,7 +185,7 @@ def test_the_personal_space_never_contains_the_chair(ahead: float) -> None:
     middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
     track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
     room = transform_points(
-        pose.inverse(), personal_space_points([track], PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06)
+        pose.inverse(), personal_space_points([track], lambda _: PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06)
     )
     outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
     assert (outside >= 0.06 - 1e-9).all()

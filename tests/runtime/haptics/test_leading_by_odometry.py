@@ -60,7 +60,7 @@ def test_a_chair_that_is_lost_leads_to_a_place_in_odom(rider: GuidedRider) -> No
     assert (state.goal, state.symbol, state.withheld) == ("the door ahead", "forward", "")
     assert state.step == "straight 4.0 m"
     rider.twist = Twist(0.5, 0.0)
-    run(rider, 7000)
+    run(rider, 7700)
     rider.twist = Twist()
     state = run(rider, 1500)
     assert (state.arrived, state.goal) == (True, "")
