@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import NonNegativeInt
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt
 
 if TYPE_CHECKING:
     from waychair.trials.guiding.guided import GuidedRecord
@@ -27,6 +27,7 @@ def guide_command(
     seed: NonNegativeInt = 0,
     minutes: float = 10.0,
     out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    sound: Path | None = None,
     quiet: bool = False,
 ) -> None:
     """Lead a simulated driver without sight to a place, by the motors of a glove.
@@ -58,6 +59,8 @@ def guide_command(
         Time limit of the simulated drive.
     out
         Folder for the report (guided.json) and the symbols over time (symbols.csv).
+    sound
+        WAV file for all that the rider would hear, speech and tones, at its time in the drive.
     quiet
         Print nothing but errors.
     """
@@ -66,6 +69,7 @@ def guide_command(
     from waychair.simulation.plan.world import load_world
     from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_drive
     from waychair.trials.guiding.guided_report import save_report, summary
+    from waychair.trials.guiding.sound_track import SoundTrack
     from waychair.trials.navigate import world_with_people
     from waychair.types import HelpLevel
 
@@ -73,6 +77,9 @@ def guide_command(
     own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
     to = place_among(own, goal, "--goal", owner)
     begin = plan.start if start is None else place_among(own, start, "--start", owner).pose
+    if sound is not None and rider == "stick":
+        raise BadArgument("a rider who sees the steps hears nothing: leave --sound or --rider stick out")
+    track = None if sound is None else SoundTrack()
     setup = GuidedSetup(
         world=world_with_people(plan, begin, people, seed),
         grid=plan.grid,
@@ -82,10 +89,13 @@ def guide_command(
         layout=layout,
         seed=seed,
         told=RiderTold.SEES if rider == "stick" else RiderTold.GUIDED,
+        track=track,
     )
     record = guided_drive(setup, to, 60.0 * minutes)
     if out is not None:
         save_report(record, setup, out)
+    if track is not None and sound is not None:
+        track.save(sound)
     if not quiet:
         print(summary(record, setup))
     _fail_unless_reached(record, goal)

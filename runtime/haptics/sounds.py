@@ -10,11 +10,12 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 from waychair.control.haptics.profile import HapticsProfile
-from waychair.control.haptics.symbols import Advice
+from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.control.haptics.tones import tone, wave_file
 
 WARNING_QUIET_NS = 500_000_000
@@ -26,23 +27,50 @@ TONE_PROGRAMS = ("paplay", "aplay", "play")
 Find = Callable[[str], str | None]
 
 
+class RunningSound(Protocol):
+    """A program that sounds, as `subprocess.Popen` has it."""
+
+    def poll(self) -> int | None:
+        """Return its exit status; None while it sounds."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+    def wait(self) -> int:
+        """Return its exit status once it has ended."""
+
+
+StartSound = Callable[[Sequence[str]], RunningSound]
+"""Starts the command of a sound; raises OSError where it cannot."""
+
+
+LATE_NS = 800_000_000
+"""Advice that could not begin to sound by then is not said any more: the chair is elsewhere by now."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """A command that makes a sound."""
+    """A command that makes a sound, and until when it may begin, None for ever."""
 
     words: tuple[str, ...]
+    until_ns: int | None
     speech: bool = False
+
+
+def _start_program(words: Sequence[str]) -> RunningSound:
+    return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 class Sounds:
     """One rider's loudspeaker. `notices` are sentences about missing or failing programs, each once."""
 
-    def __init__(self, profile: HapticsProfile, find: Find = shutil.which) -> None:
+    def __init__(self, profile: HapticsProfile, find: Find = shutil.which, start: StartSound = _start_program) -> None:
+        self._start_sound = start
         self.notices: list[str] = []
         self._profile = profile
         self._speech = _found(SPEECH_PROGRAMS, find)
         self._player = _found(TONE_PROGRAMS, find)
-        self._running: subprocess.Popen[bytes] | None = None
+        self._running: RunningSound | None = None
         self._name = ""
         self._waiting: list[_Job] = []
         self._quiet_until_ns = 0
@@ -70,16 +98,18 @@ class Sounds:
     def tell(self, words: str, advice: Advice | None, now_ns: int, interrupts: bool) -> None:
         """Play the tone of advice and then speak the words, as the profile wants; None: no tone.
 
-        What waits is replaced, so that nothing late is spoken. `interrupts`: what sounds now ends at once.
+        What waits is replaced, and advice that has waited for `LATE_NS` is dropped, so that nothing late is spoken; that the rider has
+        arrived stays true. `interrupts`: what sounds now ends at once.
         """
         if interrupts:
             self.hush()
         jobs = []
+        until_ns = None if advice is None or advice.symbol is Symbol.ARRIVED else now_ns + LATE_NS
         if advice is not None and self._profile.tones and self._player is not None:
-            jobs.append(_Job((self._player, str(self._tone_file(advice)))))
+            jobs.append(_Job((self._player, str(self._tone_file(advice))), until_ns))
         if self._profile.speech and self._speech is not None:
             spoken = speech_words(self._speech, words, self._profile.rate, self._profile.volume)
-            jobs.append(_Job(tuple(spoken), speech=True))
+            jobs.append(_Job(tuple(spoken), until_ns, speech=True))
         self._waiting = jobs
         self.tick(now_ns)
 
@@ -97,8 +127,11 @@ class Sounds:
             if code > 0:
                 self._tell_once(f"{self._name} failed, so advice may not be heard: check the sound of this computer")
             self._running = None
+        self._waiting = [job for job in self._waiting if job.until_ns is None or now_ns <= job.until_ns]
         if self._waiting and not (self._waiting[0].speech and now_ns < self._quiet_until_ns):
-            self._start(self._waiting.pop(0).words)
+            begun, *after = self._waiting
+            self._waiting = [replace(job, until_ns=None) for job in after]  # the words that follow their tone
+            self._start(begun.words)
 
     def hush(self) -> None:
         """End the present sound, and forget the waiting ones."""
@@ -121,9 +154,7 @@ class Sounds:
     def _start(self, words: Sequence[str]) -> None:
         self._name = Path(words[0]).name
         try:
-            self._running = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
+            self._running = self._start_sound(words)
         except OSError as error:
             self._tell_once(
                 f"{words[0]} cannot be run ({error.strerror}), so advice may not be heard: install it again"
@@ -146,7 +177,11 @@ def speech_words(program: str, text: str, rate: int, volume: float) -> list[str]
     if Path(program).name == "spd-say":
         relative = max(-100, min(100, round((rate - 175) / 2.75)))  # speech-dispatcher's -100 to 100; 0 is about 175
         return [program, "--wait", "--rate", str(relative), "--volume", str(round(200 * volume - 100)), "--", text]
-    return [program, "-s", str(rate), "-a", str(round(200 * volume)), "--", text]  # its amplitude is 0 to 200
+    return [program, "-s", str(rate), "-a", str(round(_LOUDEST * volume)), "--", text]
+
+
+_LOUDEST = 95
+"""espeak-ng's amplitude at full volume, of 200: at 104 the loudest samples of a long sentence are clipped."""
 
 
 def _found(programs: Sequence[str], find: Find) -> str | None:

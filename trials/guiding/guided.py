@@ -40,6 +40,7 @@ from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
+from waychair.trials.guiding.sound_track import SoundTrack
 from waychair.trials.ride import RecordingSimulator
 from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place, Pose2
 
@@ -62,7 +63,8 @@ class GuidedSetup:
     """The setting of guided drives: the map, its zones, the chair, the driver, the level, and the device on the skin.
 
     `driver` is a preset's name. `known` was learnt of the driver before; the drives add to it. A goal is reached within `near_m`.
-    With `finds_doors` the chair looks for doorways. `words`: other patterns than the shipped ones.
+    With `finds_doors` the chair looks for doorways. `words`: other patterns than the shipped ones. `track`: speech and tones as
+    well, which it takes in.
     """
 
     world: World
@@ -79,6 +81,7 @@ class GuidedSetup:
     near_m: float = 0.5
     finds_doors: bool = False
     simulator: SimulatorSettings | None = None
+    track: SoundTrack | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +151,9 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
     as_paper, has_glove = setup.told is RiderTold.PAPER, setup.told in (RiderTold.GUIDED, RiderTold.PAPER)
     chair_settings = ChairSettings(perceive=setup.finds_doors or as_paper)
     drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, chair=chair_settings, zones=setup.zones)
-    profile = HapticsProfile(layout=setup.layout, speech=False, advice="paper" if as_paper else "guide")
-    touch = HapticOptions(profile, driver=setup.driver, words=setup.words)
+    heard = setup.track is not None
+    profile = HapticsProfile(layout=setup.layout, speech=heard, tones=heard, advice="paper" if as_paper else "guide")
+    touch = HapticOptions(profile, driver=setup.driver, words=setup.words, track=setup.track)
     with (
         haptics_of(touch if has_glove else None, drive, setup.seed, apart=False) as parts,
         simulated_chair(drive, simulator, haptics=parts.guide) as chair,

@@ -36,6 +36,7 @@ from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel, Lea
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
+from waychair.trials.guiding.sound_track import SoundTrack
 from waychair.types import OccupancyGrid
 
 
@@ -45,7 +46,8 @@ class HapticOptions:
     record, None without one.
 
     `port` of a glove, None for its program on this computer. `driver`: the preset of a simulated driver who feels it, None
-    for a person. `words`: other patterns than those of the profile's layout.
+    for a person. `words`: other patterns than those of the profile's layout. `track`: takes in all sounds instead of this
+    computer's loudspeaker.
     """
 
     profile: HapticsProfile = field(default_factory=HapticsProfile)
@@ -54,6 +56,7 @@ class HapticOptions:
     port: str | None = None
     driver: str | None = None
     words: TouchVocabulary | None = None
+    track: SoundTrack | None = None
 
 
 class HapticParts:
@@ -64,8 +67,10 @@ class HapticParts:
         guide: HapticGuide | None = None,
         glove: HostGlove | None = None,
         driver: Callable[[Simulator], BlindDriver] | None = None,
+        track: SoundTrack | None = None,
     ) -> None:
         self.guide = guide
+        self._track = track
         self.glove = glove
         self.driver: BlindDriver | None = None
         self._make_driver = driver
@@ -79,6 +84,8 @@ class HapticParts:
 
     def beat(self, simulator: Simulator) -> None:
         """Let the glove's program run up to now; a simulated driver feels it and moves the joystick."""
+        if self._track is not None:
+            self._track.now_ns = simulator.now_ns
         if self.glove is None:
             return
         levels = self.glove.step(simulator.now_ns // 1_000_000)
@@ -121,7 +128,7 @@ def open_haptics(
             check_port(port, "--glove")
             cable = Reconnecting(lambda: transport_from_text(port, "--glove"))
             ends.callback(cable.close)
-        sounds = Sounds(profile)
+        sounds = Sounds(profile) if options.track is None else options.track.loudspeaker(profile)
         ends.callback(sounds.close)
         teller = Teller(
             profile, GloveBridge(cable, profile.device_id, layout, profile.fitting()), sounds, options.words
@@ -137,7 +144,7 @@ def open_haptics(
                 return BlindDriver(layout, paper_codes(), replace(used, tries_s=TRIES_S), seed)
             return BlindDriver(layout, learnt_words(teller.words), used, seed)
 
-        yield HapticParts(guide, glove, None if model is None else driver)
+        yield HapticParts(guide, glove, None if model is None else driver, options.track)
         save_learner(options.learnt, guide.leader.learner)
 
 

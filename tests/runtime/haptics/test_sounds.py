@@ -149,7 +149,7 @@ def test_rate_and_volume_are_the_riders() -> None:
         "-s",
         "300",
         "-a",
-        "100",
+        "48",
         "--",
         "-stop",
     ]
