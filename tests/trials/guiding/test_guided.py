@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,10 @@ from evaluation.scenes.tight_places import door_scene, map_of
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.next_door import DoorSide, no_door
+from waychair.control.safety.guard import SPOKEN
 from waychair.trials.guiding.guided import GuidedSetup, guided_drive, guided_trial
 from waychair.trials.guiding.guided_report import report, save_report
+from waychair.trials.guiding.sound_track import SoundTrack, heard_figures
 from waychair.types import HelpLevel, Place, Pose2
 
 
@@ -35,9 +38,25 @@ def test_a_driver_is_led_through_the_next_door_without_a_map() -> None:
 def test_a_chair_remembers_its_driver_from_drive_to_drive() -> None:
     scene = door_scene(0.9, 0.0, CHAIR_A, 107)
     known = {"lag_s": [1.0] * 6}
-    record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, known=known), scene.goal, 0.1)
+    setup = GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, known=known)
+    record = guided_drive(setup, scene.goal, 0.1)
     assert record.learnt.lag_s == 1.0
     assert record.remembered["lag_s"] == known["lag_s"]
+
+
+@pytest.mark.skipif(shutil.which("espeak-ng") is None, reason="espeak-ng is not installed")
+def test_a_drive_is_heard_at_its_simulated_time() -> None:
+    scene, track = door_scene(0.9, 0.0, CHAIR_A, 107), SoundTrack()
+    record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, track=track), scene.goal, 9.0)
+    level, *advice = track.sounds
+    assert level.words == SPOKEN[HelpLevel.GUIDE]
+    assert level.begin_ns < 1_000_000_000
+    assert 5_000_000_000 < level.end_ns < track.now_ns
+    assert all(sound.begin_ns >= level.end_ns for sound in advice), (
+        "the glove says it at once, the voice not at all when late"
+    )
+    assert record.told[0].stamp_ns < level.end_ns
+    assert heard_figures(track, []).is_fit
 
 
 @pytest.mark.nightly
