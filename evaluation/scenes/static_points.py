@@ -11,13 +11,17 @@ POINTS = {
     Symbol.NUDGE_LEFT: 0,
     Symbol.FORWARD: 1,
     Symbol.NUDGE_RIGHT: 2,
-    Symbol.SWIVEL_LEFT: 3,
-    Symbol.ARRIVED: 8,
-    Symbol.SWIVEL_RIGHT: 5,
-    Symbol.ATTENTION: 6,
-    Symbol.BACK: 7,
+    Symbol.ATTENTION: 5,
+    Symbol.SWIVEL_RIGHT: 8,
+    Symbol.ARRIVED: 7,
+    Symbol.SWIVEL_LEFT: 6,
+    Symbol.BACK: 3,
 }
-"""The motor of each symbol on the 3x3 glove; the warning stays that of all motors."""
+"""The motor of each symbol on the 3x3 glove, round its edge; the warning stays that of all motors.
+
+A point is mixed up with its neighbours, so those are neighbours of which one taken for the other does least: a nudge for "forward",
+"attention" or "arrived" for a turn, but no turn for a nudge. Nothing is in the middle, which is mixed up with all.
+"""
 
 ON_MS, GAP_MS, LEVEL = 200, 400, 3
 
