@@ -90,6 +90,11 @@ class Sounds:
         return self._running is not None and self._running.poll() is None
 
     @property
+    def busy(self) -> bool:
+        """Whether something sounds now, or waits to."""
+        return self.sounding or bool(self._waiting)
+
+    @property
     def heard(self) -> bool:
         """Whether advice can be heard: as speech, or as tones."""
         profile = self._profile

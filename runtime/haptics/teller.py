@@ -69,8 +69,13 @@ class Teller:
     def tick(
         self, wanted: Sequence[Advice], now_ns: int, *, asked: bool = False, reacted: bool | None = None
     ) -> ToldAdvice:
-        """Say the advice that is due now; arguments as of `advise`. The glove's button "repeat" asks as well."""
+        """Say the advice that is due now; arguments as of `advise`. The glove's button "repeat" asks as well.
+
+        While a rider who feels nothing hears something else, only warnings are due: other advice would not be heard in time.
+        """
         yes, repeats = self._begin_tick(now_ns)
+        if self._sounds is not None and self._sounds.busy and not self._is_felt(now_ns):
+            wanted = [each for each in wanted if each.symbol is Symbol.WARNING]
         asked = asked or repeats > 0
         done, self.memory = advise(wanted, self._words, self.memory, now_ns, asked=asked, reacted=reacted)
         if done.stop and self._glove is not None:
@@ -125,6 +130,10 @@ class Teller:
     def heard(self) -> bool:
         """Whether advice can be heard, by speech or tones."""
         return self._sounds is not None and self._sounds.heard
+
+    def _is_felt(self, now_ns: int) -> bool:
+        """Return whether there is a glove in order."""
+        return self._glove is not None and not self._glove.problem(now_ns)
 
     def silence(self, now_ns: int) -> str:
         """Return why no channel reaches the rider now, with a remedy; empty if one does."""

@@ -71,17 +71,29 @@ def test_a_warning_ends_the_sentence_that_is_spoken_and_half_a_second_is_silent(
     assert spoken_on.after_warning_dbfs > -30.0
 
 
-def test_advice_that_a_long_sentence_has_kept_waiting_is_not_spoken_late() -> None:
+LONG = "This sentence is long enough to be spoken for some seconds."
+
+
+def test_a_rider_who_feels_nothing_is_told_the_newest_advice_once_the_voice_is_free() -> None:
     told = Told(tones=False)
-    told.teller.announce("This sentence is long enough to be spoken for some seconds.", 0)
-    told.run(1000, Advice(Symbol.NUDGE_LEFT, 1, 0))
-    told.run(6000)
-    assert [sound.words for sound in told.track.sounds] == [
-        "This sentence is long enough to be spoken for some seconds."
-    ]
-    told.teller.announce("This sentence is long enough to be spoken for some seconds.", told.track.now_ns)
-    told.run(12_000, Advice(Symbol.ARRIVED, 2, 0))
-    assert told.track.sounds[-1].words == "arrived", "that stays true"
+    told.teller.announce(LONG, 0)
+    for number in range(1, 100):
+        told.run(60 * number, Advice(Symbol.NUDGE_LEFT if number < 40 else Symbol.FORWARD, number, 0))
+    sentence, advice, *_ = told.track.sounds
+    assert (sentence.words, advice.words) == (LONG, "forward")
+    assert 0 <= advice.begin_ns - sentence.end_ns < 100 * MS
+
+
+def test_words_that_a_long_sentence_has_kept_waiting_are_not_spoken_late() -> None:
+    track = SoundTrack()
+    sounds = track.loudspeaker(HapticsProfile())
+    for symbol in (Symbol.NUDGE_LEFT, Symbol.ARRIVED):
+        sounds.tell(LONG, None, track.now_ns, interrupts=False)
+        sounds.tell(symbol.value, Advice(symbol, 1, 0), track.now_ns, interrupts=False)
+        for _ in range(120):
+            track.now_ns += TICK_MS * MS
+            sounds.tick(track.now_ns)
+    assert [sound.words for sound in track.sounds] == [LONG, LONG, "arrived"], "that the rider has arrived stays true"
 
 
 def test_without_the_speech_program_there_is_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
