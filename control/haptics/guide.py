@@ -240,7 +240,8 @@ class _Tick:
                 return self._quiet(reason, replace(state, ignored=0))
             if left < PASSED:
                 return self._leave_turn(state)
-        if not turns and left < self._swivel_from(state) and self._since_obeyed(state) > OBEYED_S:
+        over = self.now.held_turn or self._since_obeyed(state) > OBEYED_S  # the guard holds what has come far enough
+        if not turns and left < self._swivel_from(state) and over:
             return self._leave_turn(state)
         if self._stood(state, swivel) > (0.0 if self.now.held_turn else STUCK_S):
             return self._shuffle(state)
@@ -398,8 +399,7 @@ class _Tick:
         step = self.plan.steps[state.step]
         along, _, _ = on_leg(step, now.pose)
         held = now.held_ahead and (step.door is not None or stood > STUCK_S)  # elsewhere somebody may walk by
-        blocked = held or stood > 2.0 * STUCK_S
-        if state.said is Symbol.FORWARD and not pending and blocked:
+        if state.said is Symbol.FORWARD and not pending and (held or stood > 2.0 * STUCK_S):
             return self._retry(state, "something is in the way")
         if stood > STRAIGHTENS_S or (askew and not pending and front_at_door(step, along, self.guide.body)):
             return self._retry(state, "the chair cannot be straightened here")
@@ -466,8 +466,8 @@ class _Tick:
         """Return the state with the aim at the door, smoothed: one noisy pose must not break a good try off."""
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
-        offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y
-        offset += drift_in_door(self.guide.body, self.guide.rider.veer_per_m)
+        drift = drift_in_door(self.guide.body, self.guide.rider.veer_per_m)
+        offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y + drift
         turned = wrap_angle(course.theta - at.theta)
         if state.aim is None:
             return replace(state, aim=Aim(offset, turned, 1))

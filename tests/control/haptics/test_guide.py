@@ -333,6 +333,19 @@ def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
     assert asked.count(Symbol.BACK) == 1
 
 
+@pytest.mark.parametrize(("off_deg", "phase"), [(2.0, LeadingPhase.GO), (40.0, LeadingPhase.BACK)])
+def test_a_turn_that_the_guard_holds_is_over_at_its_heading_and_stuck_elsewhere(
+    off_deg: float, phase: LeadingPhase
+) -> None:
+    plan, guide = corner(), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    pivot = next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT)
+    state = GuideState(pivot, LeadingPhase.TURN, math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=0, still_ns=0)
+    pose = Pose2(3.0, 0.0, math.pi / 2 - math.radians(off_deg))
+    inputs = GuideInputs.under((1.0, 1.0, 0.0, 0.0), 0.0, 0.2, 1_500_000_000, pose, Twist())
+    assert inputs.held_turn
+    assert guide.step(plan, state, inputs)[1].phase is phase
+
+
 def _held_ahead_until(plan: StepPlan, driven_m: float) -> float:
     """Return the time [s] after which a driver whom the guard holds from a place on is sent back; inf if never."""
     guide, driver, state = (
