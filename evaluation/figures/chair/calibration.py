@@ -6,24 +6,23 @@ commanded without ripple and slip on the grid of `command_grid`; the speeds afte
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from evaluation.runs.kept_runs import processes
 from evaluation.scenes.chair_score import ChairScore, InverseError, acceptance_chairs, score_chair
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 BARS = {12: (10.0, 15.0), 8: (25.0, 30.0)}
 """Greatest error [mm/s, mrad/s] of chairs of the model's form, by the converter's bits; 89 levels, three times each."""
-
-_PROCESSES = 2
 
 
 def inverse(out: Path) -> Json:
     """Greatest error of the fitted inverse per chair, and of the linear model on the same commands."""
     chairs = acceptance_chairs()
     tasks = [(bits, name, seed) for bits in BARS for seed, name in enumerate(chairs)]
-    with ProcessPoolExecutor(_PROCESSES) as pool:
+    with new_pool(processes()) as pool:
         scores = list(pool.map(_score, tasks))
     rows = [_row(bits, score) for (bits, _, _), score in zip(tasks, scores, strict=True)]
     inside = {bits: [row for row in rows if row["bits"] == bits and row["inside"]] for bits in BARS}

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 import os
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from evaluation.runs.kept_runs import processes
 from waychair.trials.fleet.fleet_alone import AloneRun, drive_alone
+from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
-WORKERS = 2
 RUNS = 100
 ALONE_S, TOGETHER_S = 10.0, 5.0
 """s within which a chair without a warden drives by its own eyes, and within which it follows one again."""
@@ -24,7 +24,7 @@ def fleet_alone(out: Path) -> Json:
     first = int(os.environ.get("FLEET_ALONE_FIRST", "0"))
     seeds = range(first, first + int(os.environ.get("FLEET_ALONE_RUNS", RUNS)))
     runs: dict[int, AloneRun] = {}
-    with ProcessPoolExecutor(WORKERS) as pool:
+    with new_pool(processes()) as pool:
         for seed, run in zip(seeds, pool.map(drive_alone, seeds), strict=True):
             runs[seed] = run
             print(seed, _row(run), flush=True)

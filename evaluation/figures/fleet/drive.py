@@ -10,19 +10,20 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from evaluation.runs.kept_runs import processes
 from waychair.maps.traffic.corridors import load_corridors
 from waychair.trials.fleet.fleet_drive import FleetRun, drive_fleet
 from waychair.trials.fleet.fleet_lift import share_lift
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
+from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
-SEEDS, WORKERS = 15, 2
+SEEDS = 15
 SUCCESS, OVER_LINE_M, L_WAY_M = 0.97, 0.05, 0.03
 OTHER_WAY_S = 5.0
 """s; a chair before seated persons turns to the other way within so long after it has come to rest."""
@@ -42,7 +43,7 @@ def fleet_drive(out: Path) -> Json:
     seeds = range(int(os.environ.get("FLEET_DRIVE_SEEDS", SEEDS)))
     names = os.environ.get("FLEET_DRIVE_SCENES", ",".join((*SCENARIOS, LIFT_SCENE))).split(",")
     rows: dict[str, Json] = {}
-    with ProcessPoolExecutor(WORKERS) as pool:
+    with new_pool(processes()) as pool:
         running = {name: [pool.submit(_run, name, seed) for seed in seeds] for name in names}
         for name, own in running.items():
             rows[name] = _row([each.result() for each in own])

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -14,16 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from evaluation.fleet.paper_tables import FLEXIBLE, HUMANS_FIRST, PERSONS
+from evaluation.runs.kept_runs import processes
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts
 from waychair.simulation.graph_traffic.crowd import RightOfWay
 from waychair.trials.fleet.fleet_coordinated import coordinated_hours
 from waychair.trials.fleet.fleet_graph import fleet_hours, mean
+from waychair.trials.worker_pool import new_pool
 from waychair.types import FloatArray, Json
 
 SEEDS = 12
 CHAIRS = 3
-WORKERS = 2
 LEAST_CORRELATION = 0.92
 MOST_OF_PAPER = 0.92
 """The coordinator's delay by other chairs over that of the paper's planner, mean over the plans, humans first."""
@@ -55,7 +55,7 @@ def fleet_tables(out: Path) -> Json:
     seeds = int(os.environ.get("FLEET_TABLES_SEEDS", SEEDS))
     work = [(plan, rule, persons, seeds, False) for rule in RightOfWay for plan in HUMANS_FIRST for persons in PERSONS]
     ours = [(*each[:4], True) for each in work if each[1] is not RightOfWay.CHAIRS]
-    with ProcessPoolExecutor(WORKERS) as pool:
+    with new_pool(processes()) as pool:
         found = list(pool.map(_cell, *zip(*(work + ours), strict=True)))
     cells, coordinated = found[: len(work)], found[len(work) :]
     delay = {(cell.plan, cell.rule, cell.persons): cell.mean_delay_s for cell in cells}
