@@ -57,7 +57,7 @@ class StepPlanner:
     def __init__(self, goal: Goal, pose: Pose2, settings: PlannerSettings | None = None) -> None:
         """`pose` is that of the goal, in map."""
         self.goal = goal
-        self._pose = pose
+        self.pose = pose
         self._route = GlobalPlanner(pose, settings or PlannerSettings(), check_footprint=False)
 
     def replan(self, costmap: Costmap, start: Pose2) -> StepPlan:
@@ -68,7 +68,7 @@ class StepPlanner:
             PlanningError: start or goal are not on free ground, as for `GlobalPlanner.replan`.
         """
         route = self._route.replan(costmap, start).poses[:, :2]
-        return steps_along(costmap, route, start, self._pose)
+        return steps_along(costmap, route, start, self.pose)
 
 
 def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) -> StepPlan:

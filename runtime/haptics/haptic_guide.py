@@ -128,7 +128,7 @@ class HapticGuide:
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
         self._unmapped = None
-        self.leader.lead(goal, self._mapped.ask)
+        self.leader.lead(goal, self._mapped.ask, mapped=self._mapped.ask_mapped)
         self._begun(goal)
 
     def lead_by_odometry(self, goal: Place) -> None:

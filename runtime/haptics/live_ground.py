@@ -34,9 +34,16 @@ class LiveGround:
         """Take in a scan without the beams that hit the chair itself, with the chair's pose and motion at it."""
         self._seen = scan, map_from_base, twist
 
+    def ask_mapped(self) -> Callable[[], Costmap]:
+        """Return the work of making the costmap of the map alone."""
+        return self._work(None)
+
     def ask(self) -> Callable[[], Costmap]:
         """Return the work of making the costmap as it is now; it takes a while."""
-        seen, grid, zones = self._seen, self._grid, self._zones
+        return self._work(self._seen)
+
+    def _work(self, seen: tuple[Scan, Pose2, Twist] | None) -> Callable[[], Costmap]:
+        grid, zones = self._grid, self._zones
 
         def costmap() -> Costmap:
             live = self._live

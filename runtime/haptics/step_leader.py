@@ -30,8 +30,22 @@ looks for them."""
 AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
 
+
+class _BarredNow(PlanningError):
+    """There are no steps now, and there would be on the map alone: somebody or something stands in the way."""
+
+
 LOOK_NS = 1_000_000_000
 """ns between two looks at the steps on ground that grows."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """The way to the goal: its planner, its ground as it is now, and the same by the map alone if there is one."""
+
+    planner: StepPlanner
+    ground: AskGround
+    mapped: AskGround | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,22 +77,22 @@ class StepLeader:
         self.reason = ""
         self.arrived = False
         self._body, self._durations, self._worker = body, durations, worker
-        self._planned: tuple[StepPlanner, AskGround] | None = None  # the way to the goal, and its ground
+        self._planned: _Way | None = None
         self._plan: StepPlan | None = None
         self._planning: Future[StepPlan] | None = None
         self._memory = self._before = GuideState()
         self._vain = _Vain()
         self._grows, self._looked_ns = False, 0
 
-    def lead(self, goal: Place, ground: AskGround, *, grows: bool = False) -> None:
+    def lead(self, goal: Place, ground: AskGround, *, grows: bool = False, mapped: AskGround | None = None) -> None:
         """Lead to a place from now on, over the ground that is asked for at each plan, in the frame of the place and of the poses.
 
         Where the ground `grows` with what is seen, the steps are looked at again as they go on. A plan under way for another
-        place is dropped.
+        place is dropped. Where there are no steps at first but some on the `mapped` ground alone, the rider waits for them.
         """
         self._grows = grows
         self.goal, self.reason, self.arrived = goal, "", False
-        self._planned = StepPlanner(Goal(goal.pose), goal.pose), ground
+        self._planned = _Way(StepPlanner(Goal(goal.pose), goal.pose), ground, mapped)
         self._plan = self._planning = None
         self._memory = self._before = GuideState(number=self._memory.number)
         self._vain = _Vain()
@@ -99,7 +113,9 @@ class StepLeader:
         if self.goal is None:
             return None
         if self._plan is None and self._planning is None:
-            self._ask(now.pose)
+            if not self.waits or now.now_ns - self._vain.asked_ns >= ASKED_NS:
+                self._vain = replace(self._vain, asked_ns=now.now_ns)
+                self._ask(now.pose)
         elif self._planning is None and self._grows and now.now_ns - self._looked_ns > LOOK_NS:
             self._looked_ns = now.now_ns
             self._look(now.pose)
@@ -193,12 +209,18 @@ class StepLeader:
     def _ask(self, pose: Pose2, or_else: Callable[[Costmap], StepPlan | None] = lambda _: None) -> None:
         """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
-        planner, ground = self._planned
-        work = ground()
+        planner, mapped, work = self._planned.planner, self._planned.mapped, self._planned.ground()
+        on_map = mapped() if self._plan is None and mapped is not None else None
 
         def plan() -> StepPlan:
             costmap = work()
-            return or_else(costmap) or planner.replan(costmap, pose)
+            try:
+                return or_else(costmap) or planner.replan(costmap, pose)
+            except PlanningError as error:
+                if on_map is None:
+                    raise
+                StepPlanner(planner.goal, planner.pose).replan(on_map(), pose)
+                raise _BarredNow(str(error)) from error
 
         if self._worker is not None:
             self._planning = self._worker.submit(plan)
@@ -218,9 +240,10 @@ class StepLeader:
         except PlanningError as error:
             vain, why = self._vain, str(error)
             self._vain = replace(vain, why=why, since_ns=vain.since_ns if vain.why else now_ns)
-            if self._plan is None or now_ns - self._vain.since_ns >= REFUSED_NS:
+            never = self._plan is None and not isinstance(error, _BarredNow)
+            if never or now_ns - self._vain.since_ns >= REFUSED_NS:
                 self.end(why)
-            else:  # no steps lead on from here; the old ones may, from a little elsewhere
+            elif self._plan is not None:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
         self._vain = replace(self._vain, why="")

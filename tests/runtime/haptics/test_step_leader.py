@@ -18,20 +18,25 @@ ASIDE = Pose2(2.0, 2.9, 0.0)
 """Off the way from `START` to the desk, so that other steps are wanted."""
 
 
+def _ground(*, shut: bool) -> Costmap:
+    """Return the ground of the room, with or without the wall."""
+    grid = room()
+    if shut:
+        grid.cells[:, 70:72] = 100
+    return LiveCostmap(grid, CHAIR_A, ()).costmap()
+
+
 class Leading:
     """A leader in the room, between whose rider and the desk a wall can be drawn."""
 
-    def __init__(self) -> None:
-        self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), False, 0, 0
-        self.leader.lead(DESK, lambda: self._costmap)
+    def __init__(self, *, shut: bool = False, mapped_shut: bool = False) -> None:
+        self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), shut, 0, 0
+        self.leader.lead(DESK, lambda: self._costmap, mapped=lambda: lambda: _ground(shut=mapped_shut))
         self.run(START, 0.1)
 
     def _costmap(self) -> Costmap:
-        grid = room()
-        if self.shut:
-            grid.cells[:, 70:72] = 100
         self.asked += 1
-        return LiveCostmap(grid, CHAIR_A, ()).costmap()
+        return _ground(shut=self.shut)
 
     def run(self, pose: Pose2, seconds: float) -> None:
         """Let a rider stand at a pose for a time."""
@@ -54,6 +59,22 @@ def test_a_rider_waits_with_the_reason_and_goes_on_once_the_way_is_free_again() 
     plan = leading.leader.plan
     assert plan is not None
     assert np.hypot(plan.steps[0].start.x - ASIDE.x, plan.steps[0].start.y - ASIDE.y) < 0.05
+
+
+def test_somebody_in_the_way_at_the_beginning_is_waited_for_and_a_wall_of_the_map_is_not() -> None:
+    leading = Leading(shut=True)
+    leading.run(START, 10.0)
+    assert "no path" in leading.leader.waits
+    assert (leading.leader.goal, leading.leader.plan) == (DESK, None)
+    assert 3 <= leading.asked <= 8
+    leading.shut = False
+    leading.run(START, 2.5)
+    assert (leading.leader.waits, leading.leader.plan is None) == ("", False)
+    assert Leading(shut=True, mapped_shut=True).leader.goal is None
+    never = Leading(shut=True)
+    never.run(START, REFUSED_NS * 1e-9 + 3.0)
+    assert never.leader.goal is None
+    assert "no path" in never.leader.reason
 
 
 def test_a_rider_who_waits_gets_steps_from_wherever_they_begin_again() -> None:
