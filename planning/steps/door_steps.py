@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.geometry import transform_points
 from waychair.planning.route.legs import DoorPassage
 from waychair.planning.steps.clear_ground import SPIN_ROOM, ClearGround
 from waychair.planning.steps.step import Step, StepKind
@@ -52,6 +53,22 @@ def door_steps(ground: ClearGround, door: DoorPassage) -> Iterator[Step]:
             if ground.straight_is_free(step.start, step.length, -0.5 * ground.costmap.grid.resolution):
                 yield step
                 break
+
+
+def places_before(ground: ClearGround, door: DoorPassage) -> FloatArray:
+    """Return places (N, 2) [m] in map on a door's axis, on either side, at which the chair can spin.
+
+    From there a leg may lead through a door behind which, or before which, there is no room for a step of its own.
+    """
+    away = HALF_WALL + ground.costmap.body.front + _BEFORE
+    along = np.concatenate([-away, away])
+    places = transform_points(door.map_from_door, np.column_stack([along, np.zeros(len(along))]))
+    spins: FloatArray = places[ground.spin_room(places) >= SPIN_ROOM]
+    return spins
+
+
+_BEFORE = np.arange(0.0, 1.35, 0.1)
+"""m; distances of the chair's front end from the wall at such a place."""
 
 
 def _ends(step: Step) -> FloatArray:

@@ -21,7 +21,7 @@ from waychair.planning.route.global_planner import GlobalPlanner, PlannerSetting
 from waychair.planning.route.legs import DoorPassage
 from waychair.planning.route.tight_doors import tight_doors
 from waychair.planning.steps.clear_ground import SPIN_ROOM, ClearGround
-from waychair.planning.steps.door_steps import door_steps, doors_too_narrow
+from waychair.planning.steps.door_steps import door_steps, doors_too_narrow, places_before
 from waychair.planning.steps.step import NoSteps, Step, StepKind, StepPlan, with_pivots
 from waychair.types import BoolArray, FloatArray, Goal, Pose2
 
@@ -86,12 +86,13 @@ def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) 
         place = narrow.map_from_door.x, narrow.map_from_door.y
         raise NoSteps(f"a door on the way is {narrow.width:.2f} m wide and the chair {body.width:.2f} m", place)
     passages = [list(door_steps(ground, door)) for door in doors]
-    search = _Search(ground, start, goal, _places(ground, route, goal), passages)
-    for wander in WANDERS:
-        legs = search.legs(wander)
-        if legs is not None:
-            last = legs[-1].end if legs else start
-            return with_pivots(start, legs, _last_heading(ground, last, goal))
+    places = _places(ground, route, goal)
+    tight = [places_before(ground, door) for door, ways in zip(doors, passages, strict=True) if not ways]
+    legs = _legs(ground, start, goal, places, passages)
+    if legs is None and tight:
+        legs = _legs(ground, start, goal, np.concatenate([places, *tight]), passages)
+    if legs is not None:
+        return with_pivots(start, legs, _last_heading(ground, legs[-1].end if legs else start, goal))
     for door, ways in zip(doors, passages, strict=True):
         if not ways:
             place = door.map_from_door.x, door.map_from_door.y
@@ -99,6 +100,14 @@ def steps_along(costmap: Costmap, route: FloatArray, start: Pose2, goal: Pose2) 
                 f"there is no room to turn before or behind the door at ({place[0]:.1f}, {place[1]:.1f})", place
             )
     raise NoSteps(f"no straight legs with turns on the spot lead to ({goal.x:.1f}, {goal.y:.1f}): it is too tight")
+
+
+def _legs(
+    ground: ClearGround, start: Pose2, goal: Pose2, places: FloatArray, passages: Sequence[Sequence[Step]]
+) -> list[Step] | None:
+    """Return the legs from start to goal with the most room beside them; None where no legs lead there."""
+    search = _Search(ground, start, goal, places, passages)
+    return next((legs for wander in WANDERS if (legs := search.legs(wander)) is not None), None)
 
 
 def doors_on(costmap: Costmap, route: FloatArray) -> list[DoorPassage]:

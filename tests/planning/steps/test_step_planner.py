@@ -10,11 +10,12 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
 from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits_each
-from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.planning.grid.costmap import Costmap, LiveCostmap, costmap_from_grid
 from waychair.planning.route.legs import DoorPassage
 from waychair.planning.steps.door_steps import doors_too_narrow
 from waychair.planning.steps.step import NoSteps, StepKind, StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
+from waychair.simulation.plan.world import load_world
 from waychair.types import Goal, OccupancyGrid, Pose2
 
 CELL = 0.02
@@ -112,6 +113,19 @@ def _cluttered(costmap: Costmap) -> Costmap:
     """Return the map with posts so near to each other before the door that no chair turns there."""
     posts = np.array([[x, y] for x in (2.2, 2.8, 3.4) for y in (0.8, 1.9, 3.1, 4.2)])
     return costmap_from_grid(costmap.grid, costmap.body, live_points=posts)
+
+
+def test_a_door_before_a_place_without_room_to_turn_is_reached_from_wherever_the_rider_went() -> None:
+    world = load_world("apartment")
+    costmap = LiveCostmap(world.grid, CHAIR_A, ()).costmap()
+    bath = next(place.pose for place in world.places if place.name == "bath")
+    beside = Pose2(4.74, 4.23, math.radians(-59.0))  # where no leg beside the route leads through the bath's door
+    plan = planned(costmap, beside, bath)
+    assert all(fits_each(CHAIR_A, 0.0, distance_field(world.grid), swept_poses(plan)))
+    *_, through, arrived = plan.steps
+    assert (through.kind, arrived.kind) == (StepKind.STRAIGHT, StepKind.ARRIVED)
+    assert math.hypot(arrived.end.x - bath.x, arrived.end.y - bath.y) < 0.31
+    assert through.start.theta == pytest.approx(-math.pi / 2, abs=0.02), "on the door's axis"
 
 
 def test_a_chair_far_in_a_narrow_dead_end_is_led_straight_back_all_the_way() -> None:
