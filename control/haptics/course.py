@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import GuideInputs
+from waychair.control.haptics.guidance import Aim, GuideInputs
 from waychair.control.haptics.guide_numbers import (
+    GATE_OFFSET,
     GATE_TURN,
     HOLDS_S,
     IN_DOOR,
@@ -87,6 +88,11 @@ def room_askew(step: Step, turned: float, body: ChairBody) -> float:
     assert step.door is not None
     gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
     return max(0.5 * (gap - body.width), 0.0)
+
+
+def aims_well(step: Step, aim: Aim, body: ChairBody) -> bool:
+    """Return whether a chair with this aim passes the door of a step with some room on either side."""
+    return abs(aim.offset) <= GATE_OFFSET * room_askew(step, aim.turned, body) and abs(aim.turned) <= GATE_TURN
 
 
 def may_swivel(step: Step, along: float, body: ChairBody) -> bool:

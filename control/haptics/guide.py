@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.course import (
+    aims_well,
     before_wall,
     course_error,
     drift_in_door,
@@ -24,7 +25,6 @@ from waychair.control.haptics.course import (
     may_swivel,
     off_aim,
     on_leg,
-    room_askew,
     tolerated_error,
 )
 from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
@@ -41,9 +41,7 @@ from waychair.control.haptics.guide_numbers import (
     FAR_OFF,
     GAP_S,
     GATE_FROM,
-    GATE_OFFSET,
     GATE_TO,
-    GATE_TURN,
     IGNORED,
     IN_VAIN,
     IN_VAIN_FROM,
@@ -398,7 +396,8 @@ class _Tick:
         askew = abs(error) > STRAIGHT_ENOUGH
         step = self.plan.steps[state.step]
         along, _, _ = on_leg(step, now.pose)
-        held = now.held_ahead and (step.door is not None or stood > STUCK_S)  # elsewhere somebody may walk by
+        at_jamb = step.door is not None and not (state.aim and aims_well(step, state.aim, self.guide.body))
+        held = now.held_ahead and (at_jamb or stood > STUCK_S)  # elsewhere somebody may walk by
         if state.said is Symbol.FORWARD and not pending and (held or stood > 2.0 * STUCK_S):
             return self._retry(state, "something is in the way")
         if stood > STRAIGHTENS_S or (askew and not pending and front_at_door(step, along, self.guide.body)):
@@ -455,9 +454,9 @@ class _Tick:
             return None  # a nudge on its way still changes the aim
         if state.aim is None or state.aim.ticks < AIM_TICKS:
             return None
-        offset, turned = state.aim.offset, state.aim.turned
-        if abs(offset) <= GATE_OFFSET * room_askew(step, turned, self.guide.body) and abs(turned) <= GATE_TURN:
+        if aims_well(step, state.aim, self.guide.body):
             return None
+        offset, turned = state.aim.offset, state.aim.turned
         return self._retry(
             state, f"{abs(100.0 * offset):.0f} cm and {abs(math.degrees(turned)):.0f} degrees off the door"
         )

@@ -10,7 +10,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.course import before_wall, drift_in_door, led_against, off_aim
-from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
+from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide import GuideConstants
 from waychair.control.haptics.guide_numbers import (
     ALL,
@@ -369,6 +369,18 @@ def _held_ahead_until(plan: StepPlan, driven_m: float) -> float:
 
 def test_somebody_who_walks_by_has_time_to_pass_before_a_driver_on_an_open_leg_is_sent_back() -> None:
     assert 4.0 < _held_ahead_until(open_leg(4.0), 1.0) < 8.0
+
+
+@pytest.mark.parametrize(("offset", "phase"), [(0.0, LeadingPhase.GO), (0.3, LeadingPhase.BACK)])
+def test_a_driver_held_before_a_door_waits_with_a_good_aim_and_is_sent_back_from_a_jamb(
+    offset: float, phase: LeadingPhase
+) -> None:
+    plan, guide = through(DoorPassage(Pose2(3.0, 0.0), 0.9)), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    at = next(k for k, each in enumerate(plan.steps) if each.door is not None)
+    state = GuideState(at, LeadingPhase.GO, said=Symbol.FORWARD, said_ns=0, still_ns=0, aim=Aim(offset, 0.0, 200))
+    inputs = GuideInputs.under((0.0, 1.0, 1.0, 1.0), 0.25, 0.0, 2_500_000_000, plan.steps[at].start, Twist())
+    assert inputs.held_ahead
+    assert guide.step(plan, state, inputs)[1].phase is phase
 
 
 def test_a_driver_who_stops_short_of_the_place_gets_new_steps() -> None:
