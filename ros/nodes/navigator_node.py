@@ -14,7 +14,7 @@
 | cmd_vel, drive_request | to the bridge, which accepts them from this node only |
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the named places of the map |
-| guard/unscanned | to the bridge: drop-offs and things near the chair that no scan shows |
+| guard/unscanned | to the bridge: drop-offs, things near the chair that no scan shows, and the reach of people who walk |
 | building_graph | the building's graph; with the action compute_route: see `BuildingRoutes` |
 
 Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs) for scripts

@@ -70,7 +70,7 @@ class NavigatorSenses:
             self._frame, self.camera_ns = self._with_true_stamp(frame), time.monotonic_ns()
 
     def tell_guard(self, stamp_ns: int, revision: int) -> None:
-        """Tell the bridge of drop-offs and things near the chair that no scan shows, on the map of a revision."""
+        """Tell the bridge of drop-offs, things that no scan shows and the reach of people near the chair, on the map of a revision."""
         pose, pilot = self._piloted.map_from_base(stamp_ns), self._piloted.pilot
         if pose is not None and pilot is not None:
             self._tell_guard(json_text(GuardPoints.near(stamp_ns, revision, pilot.unscanned, pose)))
