@@ -17,8 +17,8 @@ enum {
     PUSH_MS = 2000,                /* held hard against a cap for so long, the rider means it */
     WARNING_MS = 500,              /* and is warned for so long: a pattern of 250 ms, and the time to let go */
     OVERRIDE_MS = 10000,           /* then the chair creeps for at most so long, while the stick is held */
-    CREEP_CAP_DRIVE = 1150,        /* of SETPOINT_MAX: a touch is no faster than 0.1 m/s. 138 mV, of which the dead band takes 94
-                                      (0.06 m/s at 1.33 mm/s per mV) or, of the liveliest chair of the make, 71 (0.10 m/s at 1.43) */
+    CREEP_CAP_DRIVE = 1100,        /* of SETPOINT_MAX: a touch is no faster than 0.1 m/s. 132 mV, of which the dead band takes 94
+                                      (0.05 m/s at 1.33 mm/s per mV) or, of the liveliest chair of the make, 71 (0.09 m/s at 1.43) */
     CREEP_CAP_TURN = 1000          /* the same for the farthest corner of a turning chair: 120 mV, 0.05 m/s there or, of the liveliest
                                       chair, 0.10 m/s */
 };

@@ -22,7 +22,7 @@ from tests.firmware_bridge.rig import (
     push,
 )
 
-CREEPS = {0: 1150, 1: 1000}
+CREEPS = {0: 1100, 1: 1000}
 """Caps of an override by axis, forward and turn."""
 
 
@@ -85,7 +85,7 @@ def test_both_axes_are_warned_by_themselves_and_one_creeps_at_a_time(rig: Rig) -
             1000,
         )
         _pushing(rig, 500, tuple(caps))  # driving comes before turning
-        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 1150, 0)
+        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 1100, 0)
         push(rig, 1, sign * 1200)
         _pushing(rig, 100, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 0, 1000)
@@ -98,16 +98,16 @@ def test_a_turn_is_warned_but_does_not_creep_while_the_drive_does(rig: Rig) -> N
     _pushing(rig, 1000, caps)
     rig.stick = [NEUTRAL + 1200, NEUTRAL + 1200]
     _pushing(rig, 2100, caps)
-    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 1150, 0)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 1100, 0)
     _pushing(rig, 1000, caps)
-    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 1150, 0)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 1100, 0)
 
 
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
     rig.guard(BLOCKED)
     push(rig, 0, 1200)
     _pushing(rig, 2600)
-    assert rig.out.caps[FRONT] == 1150
+    assert rig.out.caps[FRONT] == 1100
     push(rig, 0, 1080)
     rig.step()
     assert (rig.out.caps[FRONT], rig.out.guard_bits) == (0, CAPPED)
@@ -157,7 +157,7 @@ def test_a_lost_computer_ends_an_override(rig: Rig) -> None:
     rig.guard(BLOCKED)
     push(rig, 0, 1200)
     _pushing(rig, 2600)
-    assert rig.out.caps[FRONT] == 1150
+    assert rig.out.caps[FRONT] == 1100
     rig.idle(100)
     assert (rig.out.caps[FRONT], rig.out.guard_bits) == (0, CAPPED | LOST)
     rig.idle(3000)
