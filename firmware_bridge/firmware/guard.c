@@ -45,12 +45,15 @@ void guard_fade(guard *self, int32_t elapsed_ms, int32_t left_ms)
 }
 
 /* Counts the time of a hard push against a cap that an override would raise. After the override it stays at its end: a
- * stick that is stuck, or a spasm, gives no second one. */
+ * stick that is stuck, or a spasm, gives no second one. A chair that may drive faster than a creep has left the thing behind: the same
+ * push does not override the next one. */
 static void count_push(guard *self, int to, bool held_hard, int32_t elapsed_ms)
 {
     const bool blocked = self->asked[to] < CREEP_CAP[to] && !(self->hard >> to & 1);
     if (!held_hard)
         self->pushed_ms[to] = 0;
+    else if (self->caps[to] >= 2 * CREEP_CAP[to])
+        self->pushed_ms[to] = self->pushed_ms[to] < CREEPS_FROM_MS ? 0 : SPENT_MS;
     else if (blocked && self->pushed_ms[to] < SPENT_MS)
         self->pushed_ms[to] += (uint32_t)elapsed_ms;
 }

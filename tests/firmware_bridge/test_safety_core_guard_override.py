@@ -66,6 +66,41 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         assert rig.out.guard_bits == CAPPED
 
 
+def test_a_push_that_went_on_past_one_thing_does_not_override_the_next(rig: Rig) -> None:
+    for to, axis, sign in PUSHES:
+        shut, wide = [10000] * 4, [10000] * 4
+        shut[to] = 0
+        for before_ms, bits in ((1500, CAPPED), (2700, CAPPED | OVERRIDDEN)):  # not warned yet, and in the override
+            rig.start()
+            rig.guard(shut)
+            push(rig, axis, sign * 1081)
+            _pushing(rig, before_ms, tuple(shut))
+            assert rig.out.guard_bits == bits
+            _pushing(rig, 300, tuple(wide))  # the thing is left behind
+            assert rig.out.caps[to] >= 2 * CREEPS[axis]
+            _pushing(rig, 1900, tuple(shut))
+            assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
+            _pushing(rig, 1000, tuple(shut))
+            again = (
+                bits == CAPPED
+            )  # a push that has overridden nothing may still do so, after its two seconds and a warning
+            assert (rig.out.guard_bits, rig.out.caps[to]) == (
+                (CAPPED | OVERRIDDEN, CREEPS[axis]) if again else (CAPPED, 0)
+            )
+
+
+def test_a_cap_that_flickers_about_a_creep_does_not_end_an_override(rig: Rig) -> None:
+    shut, little = (0, 10000, 10000, 10000), (1500, 10000, 10000, 10000)
+    rig.start()
+    rig.guard(shut)
+    push(rig, 0, 1081)
+    _pushing(rig, 3000, shut)
+    for _ in range(5):
+        _pushing(rig, 200, little)
+        _pushing(rig, 200, shut)
+        assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED | OVERRIDDEN, CREEPS[0])
+
+
 def test_both_axes_are_warned_by_themselves_and_one_creeps_at_a_time(rig: Rig) -> None:
     for first, second in ((FRONT, RIGHT), (REAR, LEFT)):
         rig.start()
