@@ -103,8 +103,8 @@ class Sounds:
     def tell(self, words: str, advice: Advice | None, now_ns: int, interrupts: bool) -> None:
         """Play the tone of advice and then speak the words, as the profile wants; None: no tone.
 
-        What waits is replaced, and advice that has waited for `LATE_NS` is dropped, so that nothing late is spoken; that the rider has
-        arrived stays true. `interrupts`: what sounds now ends at once.
+        A waiting sound is replaced, and advice that has waited for `LATE_NS` is dropped, so that nothing late is spoken; that the rider
+        has arrived stays true. `interrupts`: the present sound ends at once.
         """
         if interrupts:
             self.hush()

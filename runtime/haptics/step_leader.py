@@ -31,12 +31,12 @@ AskGround = Callable[[], Callable[[], Costmap]]
 """Returns the work of making the ground's costmap as it is now, for any one thread."""
 
 
-class _BarredNow(PlanningError):
-    """There are no steps now, and there would be on the map alone: somebody or something stands in the way."""
-
-
 LOOK_NS = 1_000_000_000
 """ns between two looks at the steps on ground that grows."""
+
+
+class _BarredNow(PlanningError):
+    """There are no steps now, and there would be on the map alone: somebody or something stands in the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,10 @@ class _Vain:
     why: str = ""
     since_ns: int = 0
     asked_ns: int = -ASKED_NS
+
+    def may_ask(self, now_ns: int) -> bool:
+        """Return whether the last question is long enough ago."""
+        return now_ns - self.asked_ns >= ASKED_NS
 
 
 class StepLeader:
@@ -113,7 +117,7 @@ class StepLeader:
         if self.goal is None:
             return None
         if self._plan is None and self._planning is None:
-            if not self.waits or now.now_ns - self._vain.asked_ns >= ASKED_NS:
+            if not self.waits or self._vain.may_ask(now.now_ns):
                 self._vain = replace(self._vain, asked_ns=now.now_ns)
                 self._ask(now.pose)
         elif self._planning is None and self._grows and now.now_ns - self._looked_ns > LOOK_NS:
@@ -131,7 +135,7 @@ class StepLeader:
         elif (
             (guidance.astray or self.waits)  # the steps that there are may lead to where others begin
             and self._planning is None
-            and now.now_ns - self._vain.asked_ns >= ASKED_NS
+            and self._vain.may_ask(now.now_ns)
         ):
             self._ask_anew(guidance.reason, now)
         return guidance

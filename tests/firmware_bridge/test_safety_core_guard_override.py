@@ -81,12 +81,9 @@ def test_a_push_that_went_on_past_one_thing_does_not_override_the_next(rig: Rig)
             _pushing(rig, 1900, tuple(shut))
             assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
             _pushing(rig, 1000, tuple(shut))
-            again = (
-                bits == CAPPED
-            )  # a push that has overridden nothing may still do so, after its two seconds and a warning
-            assert (rig.out.guard_bits, rig.out.caps[to]) == (
-                (CAPPED | OVERRIDDEN, CREEPS[axis]) if again else (CAPPED, 0)
-            )
+            # a push that has overridden nothing may still do so, after its two seconds and a warning
+            later = (CAPPED | OVERRIDDEN, CREEPS[axis]) if bits == CAPPED else (CAPPED, 0)
+            assert (rig.out.guard_bits, rig.out.caps[to]) == later
 
 
 def test_a_cap_that_flickers_about_a_creep_does_not_end_an_override(rig: Rig) -> None:

@@ -45,19 +45,24 @@ class TrackSound:
 
     def cut(self, now_ns: int) -> TrackSound:
         """Return it without what would sound from now on."""
-        return replace(self, samples=self.samples[: max(0, (now_ns - self.begin_ns) * RATE_HZ // 1_000_000_000)])
+        return replace(self, samples=self.samples[: sample_index(now_ns - self.begin_ns)])
+
+
+def sample_index(after_ns: int) -> int:
+    """Return the index of the sample a time after the first one."""
+    return after_ns * RATE_HZ // 1_000_000_000
 
 
 class SoundTrack:
-    """The track of one drive. `now_ns` is the simulated time, which the caller moves on; `begin_ns` that of the first sample."""
+    """The track of one drive, from the simulated time 0 on; the caller moves `now_ns` on."""
 
-    def __init__(self, begin_ns: int = 0) -> None:
+    def __init__(self) -> None:
         """Begin an empty track.
 
         Raises:
             ConfigError: there is no espeak-ng.
         """
-        self.begin_ns = self.now_ns = begin_ns
+        self.now_ns = 0
         self.sounds: list[TrackSound] = []
         speaker = shutil.which(SPEAKER)
         if speaker is None:
@@ -68,15 +73,11 @@ class SoundTrack:
         """Return a rider's loudspeaker that plays into this track."""
         return Sounds(profile, self._programs.get, self._start)
 
-    def index(self, at_ns: int) -> int:
-        """Return the index of the sample at a time."""
-        return max(0, at_ns - self.begin_ns) * RATE_HZ // 1_000_000_000
-
     def samples(self) -> FloatArray:
         """Return the samples (n, 2) from the track's beginning to now; sounds at once add up."""
-        whole = np.zeros((self.index(self.now_ns), 2))
+        whole = np.zeros((sample_index(self.now_ns), 2))
         for sound in self.sounds:
-            first = self.index(sound.begin_ns)
+            first = sample_index(sound.begin_ns)
             part = sound.samples[: max(0, len(whole) - first)]
             whole[first : first + len(part)] += part
         return whole
@@ -124,10 +125,10 @@ def heard_figures(track: SoundTrack, warnings_ns: Sequence[int]) -> HeardFigures
     for sound in sorted(track.sounds, key=lambda each: each.begin_ns):
         overlaps += sound.begin_ns < ends
         ends = max(ends, sound.end_ns)
-        (speech if sound.words else tones)[track.index(sound.begin_ns) : track.index(sound.end_ns)] = True
+        (speech if sound.words else tones)[sample_index(sound.begin_ns) : sample_index(sound.end_ns)] = True
     wanted = np.zeros(len(mixed), np.bool_)
     for at_ns in warnings_ns:
-        wanted[track.index(at_ns) : track.index(at_ns + WARNING_QUIET_NS)] = True
+        wanted[sample_index(at_ns) : sample_index(at_ns + WARNING_QUIET_NS)] = True
     loud = np.abs(mixed).max(axis=1, initial=0.0)
     voiced = mixed[speech & (loud > _VOICED)]
     return HeardFigures(
