@@ -134,10 +134,11 @@ class Bystanders:
     def in_reach(self, odom_from_base: Pose2) -> FloatArray:
         """Return points (N, 2) [m] in odom round the places that walking people can reach while the chair stops.
 
-        Nobody can tell whether somebody who walks turns about: they come so far in any direction.
+        Nobody can tell whether somebody who walks turns about: they come so far in any direction. A chair that they can
+        reach already comes no nearer, not even in small steps.
         """
         walking = (track for track in self.tracks if track.is_walking)
-        return personal_space_points(walking, _reach, odom_from_base, self._body, self._margin + LEAVING_PEOPLE)
+        return personal_space_points(walking, _reach, odom_from_base, self._body, _BESIDE_CHAIR)
 
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
@@ -210,6 +211,9 @@ def _reach(track: Track) -> float:
 
 _FASTEST = 1.5
 """m/s; people near a chair walk no faster, whatever a short track says."""
+
+_BESIDE_CHAIR = 0.01
+"""m from the outline to the reach of people that would cover the chair: too little for any way towards them, enough to leave."""
 
 _STOPPED_AFTER_S = 0.6
 """s from somebody's turn until a chair that a hand drives at 0.3 m/s stands (measured: 0.55 s of it braking)."""

@@ -13,11 +13,14 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.local_obstacles import Surroundings, SurroundingsSettings
 from waychair.control.journey.lift_site import LiftSite
+from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
+from waychair.control.safety.guard import LEAST_SPEED
+from waychair.geometry import transform_points
 from waychair.planning.body.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.seen.person_sightings import PEOPLE
 from waychair.planning.seen.person_tracks import PAUSE_S
-from waychair.types import FloatArray, OccupancyGrid, Pose2
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
 SCAN_NS = 100_000_000
 HERE = Pose2(3.0, 4.0)
@@ -147,8 +150,12 @@ def test_nobody_who_walks_can_reach_a_chair_that_stops_outside_their_reach() -> 
     reach = np.hypot(*(watch.people.in_reach(HERE) - at).T)
     assert 0.3 + 0.5 * speed < reach.min() <= reach.max() < 0.3 + 0.75 * speed
     near = Pose2(*(at - (CHAIR_A.front + 0.3, 0.0)))
-    ahead = watch.people.in_reach(near)[:, 0] - near.x
-    assert CHAIR_A.front < ahead.min() < CHAIR_A.front + 0.1, "a chair in reach may leave and come no nearer"
+    reach = transform_points(near.inverse(), watch.people.in_reach(near))
+    assert CHAIR_A.front < reach[:, 0].min(), "nothing within the chair: it may leave"
+    solid = np.zeros(len(reach), np.bool_)
+    ahead = stoppable_along(reach, solid, Twist(0.3, 0.0), CHAIR_A, MonitorSettings())
+    assert ahead * 0.3 < LEAST_SPEED, "a chair in reach comes no nearer"
+    assert stoppable_along(reach, solid, Twist(-0.3, 0.0), CHAIR_A, MonitorSettings()) == 1.0
     watch.see(lambda _: (float(at[0]), float(at[1])), PAUSE_S + 2.0)
     assert len(watch.people.in_reach(HERE)) == 0, "the scan shows somebody who stands"
 
