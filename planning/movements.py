@@ -1,7 +1,7 @@
 """One movement of a way as people are told it: along to the next corner, a turn, through the door, into the lift.
 
-The noun of all guidance: ways over a building's graph (`building/movements.py`, `building/guided_way.py`) and steps on one
-storey's map are both tuples of it. A movement begins with a pose, in which the chair faces the way that it then goes.
+The noun of ways over a building's graph (`building/movements.py`, `building/guided_ways.py`). The steps of one
+storey's map (`steps/step.py`) are finer: a hand that feels each of them follows them. A movement begins with a pose, in which the chair faces the way that it then goes.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
 from waychair.control.drive.navigator import Navigator
-from waychair.control.haptics.guidance import StickHold
+from waychair.control.haptics.guide_types import StickHold
 from waychair.control.haptics.next_door import NO_DOORWAYS, DoorSide, next_door, no_door
 from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt

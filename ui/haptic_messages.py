@@ -28,6 +28,7 @@ def haptics_message(state: HapticState | None) -> str:
         "count": state.count,
         "play": state.play,
         "unfelt": state.unfelt,
+        "speaks": state.speaks,
         "withheld": state.withheld,
         "offers": state.offers,
         "glove": glove,

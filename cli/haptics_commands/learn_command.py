@@ -28,7 +28,8 @@ def learn_command(
     """Play the game at rest, and keep the learnt figures on this computer.
 
     The rider feels a symbol and answers by a joystick that moves no chair: held pushes for forward, back and turns, a short
-    push for a nudge. The guidance uses them: the delay of the answers, and the symbols that are mixed up.
+    push for a nudge. The guidance uses the delay of the answers. Symbols that are mixed up are printed, and whether the
+    device seems to sit the wrong way round.
 
     Parameters
     ----------

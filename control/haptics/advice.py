@@ -34,13 +34,11 @@ MILLISECOND_NS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Advice that was said: when its pattern begins, ends, and leaves room for the next [ns], and how often it was said."""
+    """Advice that was said: when its pattern ends, and leaves room for the next [ns]."""
 
     advice: Advice
-    started_ns: int
     ends_ns: int
     free_ns: int
-    times: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +163,9 @@ def _say(
     ends_ns = now_ns + pattern.duration_ms * MILLISECOND_NS
     said = memory.said
     playing = said is not None and now_ns < said.ends_ns
-    times = said.times + 1 if said is not None and not _is_new(top, said) else 1
     return Advised(top, interrupts=playing or top.symbol is Symbol.WARNING), replace(
         memory,
-        said=Said(top, now_ns, ends_ns, ends_ns + pattern.gap_ms * MILLISECOND_NS, times),
+        said=Said(top, ends_ns, ends_ns + pattern.gap_ms * MILLISECOND_NS),
         obstacle=top if top.symbol is Symbol.OBSTACLE_AT else memory.obstacle,
         unanswered=memory.unanswered + counted,
     )

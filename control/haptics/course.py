@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import Aim, GuideInputs
 from waychair.control.haptics.guide_numbers import (
     GATE_OFFSET,
     GATE_TURN,
@@ -19,6 +18,7 @@ from waychair.control.haptics.guide_numbers import (
     NUDGE_SHARE,
     TURN_BEFORE_WALL,
 )
+from waychair.control.haptics.guide_types import Aim, GuideInputs
 from waychair.control.haptics.rider import RiderModel
 from waychair.geometry import wrap_angle
 from waychair.planning.steps.door_steps import HALF_WALL

@@ -27,7 +27,6 @@ from waychair.control.haptics.course import (
     on_leg,
     tolerated_error,
 )
-from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
     AIM_PART,
@@ -76,6 +75,7 @@ from waychair.control.haptics.guide_numbers import (
     SWIVELS,
     VALID_NS,
 )
+from waychair.control.haptics.guide_types import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Advice, Symbol
@@ -86,8 +86,8 @@ from waychair.types import Pose2
 
 
 @dataclass(frozen=True, slots=True)
-class GuideConstants:
-    """The constants of guidance: the chair, the rider, and the durations of the patterns [s]."""
+class StepGuide:
+    """The guide of one rider on one chair; `durations` [s] of the patterns. What it remembers is passed in and returned."""
 
     body: ChairBody
     rider: RiderModel
@@ -130,7 +130,7 @@ _SIDE: Mapping[Symbol | None, float] = {Symbol.SWIVEL_LEFT: 1.0, Symbol.SWIVEL_R
 class _Tick:
     """One tick of the guide."""
 
-    def __init__(self, guide: GuideConstants, plan: StepPlan, now: GuideInputs) -> None:
+    def __init__(self, guide: StepGuide, plan: StepPlan, now: GuideInputs) -> None:
         self.guide, self.plan, self.now = guide, plan, now
         self._may_turn = True  # at most one change from turning to driving and back in a tick
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.course import before_wall, course_error, on_leg
-from waychair.control.haptics.guidance import GuideInputs, GuideState, LeadingPhase, StickHold
 from waychair.control.haptics.guide_numbers import (
     ALL,
     CREEPS,
@@ -26,6 +25,7 @@ from waychair.control.haptics.guide_numbers import (
     SWIVELS,
     TIGHT,
 )
+from waychair.control.haptics.guide_types import GuideInputs, GuideState, LeadingPhase, StickHold
 from waychair.control.haptics.symbols import Symbol
 from waychair.geometry import wrap_angle
 from waychair.planning.steps.step import StepKind, StepPlan

@@ -155,7 +155,7 @@ class GloveBridge:
         if problem:
             return problem
         fitted = tuple(fitted_step(step, self._outputs) for step in steps)
-        if any(not step.mask & ~self._faulty for step in fitted):
+        if any(step.mask and not step.mask & ~self._faulty for step in fitted):
             return motor_notices(self._reported, self._outputs)[0]
         play = Play(priority, valid_ms, fitted)
         self.refusals = ()

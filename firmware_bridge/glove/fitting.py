@@ -1,7 +1,7 @@
 """How a device sits on one rider: its hand, how far it is turned round the limb, and the strength of each motor.
 
 Both hands lie palm down, so the grid of a glove is not mirrored. A glove that was put on askew is turned by whole places of
-its rings: the calibration plays the motors of a ring in turn, and the rider says which felt foremost.
+its rings: the calibration plays the motors of a ring in turn, and the rider says which felt where the ring begins, such as foremost.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ ANSWERS_MIN = 3
 """Fewest answers on which a turn is decided."""
 
 AGREEMENT = 0.8
-"""Least length of the mean of the answers as unit vectors; of three answers, one may be a place beside the others."""
+"""Least length of the mean of the answers as unit vectors: of three answers, one may be a place beside the others on a ring of eight;
+on a ring of four all agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ def fitted_step(step: PlayStep, outputs: Sequence[int]) -> PlayStep:
 
 
 def turned_from_answers(answers: Sequence[int], ring: Sequence[int]) -> int:
-    """Return by how many places a ring sits to the left, from the outputs that felt foremost, one for each round.
+    """Return by how many places a ring sits to the left, from the outputs that felt where it begins, one for each round.
 
     Raises:
         GloveError: there are too few answers, one is not of the ring, or they disagree.
@@ -92,7 +93,7 @@ def turned_from_answers(answers: Sequence[int], ring: Sequence[int]) -> int:
     mean = sum(cmath.exp(1j * math.tau * place / len(ring)) for place in places) / len(places)
     if abs(mean) < AGREEMENT:
         raise GloveError(
-            f"the answers disagree on the foremost motor ({', '.join(map(str, answers))}): fasten the glove and feel again"
+            f"the answers name different motors ({', '.join(map(str, answers))}): fasten the glove and feel again"
         )
     return round(cmath.phase(mean) / math.tau * len(ring)) % len(ring)
 

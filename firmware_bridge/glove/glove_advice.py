@@ -100,14 +100,5 @@ def motor_notices(status: GloveStatus, outputs: Sequence[int]) -> tuple[str, ...
     return tuple(told)
 
 
-def twin_problem(replies: Sequence[GloveReply]) -> str:
-    """Return why several gloves cannot be used together, with a remedy; empty if each has its own name."""
-    names = [reply.device_id for reply in replies]
-    twins = [name for k, name in enumerate(names) if name in names[:k]]
-    if not twins:
-        return ""
-    return f"two gloves are both named '{_name(twins[0])}': unplug one, or flash it with a name of its own"
-
-
 def _name(device_id: bytes) -> str:
     return device_id.rstrip(b"\0").decode(errors="replace")

@@ -40,13 +40,18 @@ class Tactor:
 
 @dataclass(frozen=True, slots=True)
 class TactorLayout:
-    """The motors of one kind of device. `rings`: motors in order to the left; `girths` [mm]: round of closed sites."""
+    """The motors of one kind of device.
+
+    `rings`: motors in order to the left, each beginning with the one that sits where `rings_begin` says in words; `girths` [mm]:
+    round of closed sites.
+    """
 
     name: str
     number: int
     about: str
     tactors: tuple[Tactor, ...]
     rings: tuple[tuple[int, ...], ...]
+    rings_begin: str
     girths: Mapping[str, float] = field(default_factory=dict)
 
     def skin_distance_mm(self, first: int, second: int) -> float:
@@ -83,6 +88,7 @@ class _Layout(msgspec.Struct, forbid_unknown_fields=True):
     about: str
     motors: list[_Motor]
     rings: list[list[int]]
+    rings_begin: str
     girths: dict[str, float] = msgspec.field(default_factory=dict)
 
 
@@ -133,7 +139,9 @@ def _checked(name: str, read: _Layout, path: Path) -> TactorLayout:
         Tactor(each.site, *each.at, None if each.points is None else wrap_angle(math.radians(each.points)))
         for each in read.motors
     )
-    return TactorLayout(name, read.number, read.about, tactors, tuple(map(tuple, read.rings)), dict(read.girths))
+    return TactorLayout(
+        name, read.number, read.about, tactors, tuple(map(tuple, read.rings)), read.rings_begin, dict(read.girths)
+    )
 
 
 def _problem(read: _Layout, count: int) -> str:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from waychair.firmware_bridge.glove.layouts import MOTORS_MAX
-
 
 @dataclass(frozen=True, slots=True)
 class MotorLevels:
@@ -23,7 +21,3 @@ class MotorLevels:
 
     def __len__(self) -> int:
         return len(self.levels)
-
-
-NO_LEVELS = MotorLevels(0, np.zeros((0, MOTORS_MAX), np.uint8))
-"""Of no time at all."""

@@ -78,11 +78,6 @@ class StepPlan:
         """Way of all legs [m]."""
         return sum(step.length for step in self.steps)
 
-    @property
-    def pivots(self) -> int:
-        """Number of turns on the spot."""
-        return sum(step.kind is StepKind.PIVOT for step in self.steps)
-
 
 LEAST_TURN = math.radians(2.5)
 """rad; a smaller turn between two legs is no step of its own: the driver corrects it on the way."""

@@ -151,7 +151,7 @@ def joined(parts: Sequence[MotorLevels]) -> MotorLevels:
 
 
 def find_turn(bench: Bench, layout: TactorLayout, ask: Ask) -> tuple[int, ...]:
-    """Return by how far each ring sits to the left, by asking which of its motors felt foremost.
+    """Return by how far each ring sits to the left, by asking which of its motors felt where the ring begins, such as foremost.
 
     The bench must be open with a straight fitting.
 
@@ -160,7 +160,7 @@ def find_turn(bench: Bench, layout: TactorLayout, ask: Ask) -> tuple[int, ...]:
     """
     turns = []
     for ring in layout.rings:
-        answers = []
+        answers, site = [], layout.tactors[ring[0]].site
         for k in range(ANSWERS_MIN):
             begin = (
                 k * (len(ring) // 2 + 1) % len(ring)
@@ -168,9 +168,8 @@ def find_turn(bench: Bench, layout: TactorLayout, ask: Ask) -> tuple[int, ...]:
             order = [*ring[begin:], *ring[:begin]]
             for motor in order:
                 bench.play([_probe(motor, STRENGTHS[2])])
-            answers.append(
-                order[_number(ask(f"which of the {len(ring)} felt foremost, 1 to {len(ring)}? "), len(ring)) - 1]
-            )
+            question = f"{site}: which of the {len(ring)} felt {layout.rings_begin}, 1 to {len(ring)}? "
+            answers.append(order[_number(ask(question), len(ring)) - 1])
         turns.append(turned_from_answers(answers, ring))
     return tuple(turns)
 

@@ -12,9 +12,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.behaviours.commands import Signal, SignalKind
 from waychair.control.haptics.cell_advice import CellMemory, cell_advice
-from waychair.control.haptics.guidance import GuideInputs, GuideWord, StickHold
 from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
+from waychair.control.haptics.guide_types import GuideInputs, GuideWord, StickHold
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
@@ -39,6 +40,12 @@ NO_ODOMETRY = "the chair does not know how far it has driven: stop, and wait unt
 NOT_SEEN = "the lidar shows nothing: stop, and wait until it does"
 """Reason of the warning to a rider who is led by odometry alone while no scan comes."""
 
+OVERRIDE_WARNING = "held on, the push makes the chair creep against the guard"
+"""Reason of the warning before the board lets a long push through."""
+
+CREEPS = "The chair creeps against the guard, for ten seconds at most, while you hold the joystick."
+"""The sentence with which an override by a long push begins."""
+
 BEGUN_ANEW = "the odometry has begun anew: choose the door again"
 
 AS_PAPER = (
@@ -54,8 +61,11 @@ _SCANLESS_NS = 1_000_000_000
 AGAIN_NS = 1_500_000_000
 """Two presses of the glove's button within this time ask where the chair is."""
 
-_LOST_NUMBER = 900_000_000
-"""Number of the warning of a lost pose, beyond those of guide and cells."""
+_LOST_NUMBER, _OVERRIDE_NUMBER = 900_000_000, 900_000_001
+"""Numbers of the warnings of a lost pose and of an override, beyond those of guide and cells."""
+
+_WARNING_NS = 500_000_000
+"""ns for which a warning may still begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +133,7 @@ class HapticGuide:
         self.state = HapticState(0)
         self._cells = CellMemory()
         self._asked = _Asked()
-        self._level_told, self._waits = "", False
+        self._level_told, self._waits, self._creeps = "", False, False
 
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
@@ -207,7 +217,8 @@ class HapticGuide:
         """Run one tick for a rider who feels the paper's own signals, which lead to no place."""
         if self.leader.goal is not None:
             self.leader.end(AS_PAPER)
-        told = self._teller.tell_as_paper(None if now.computer_drives else now.signal, now.now_ns)
+        signal = None if now.computer_drives else now.signal
+        told = self._teller.tell_as_paper(Signal(SignalKind.WARNING) if _overrides(now) else signal, now.now_ns)
         sentence = self._sentence(None, None, now)
         if sentence:
             self._teller.announce(sentence, now.now_ns)
@@ -247,7 +258,9 @@ class HapticGuide:
             drowns_steps = self.leader.goal is not None and from_cells.symbol is Symbol.OBSTACLE_AT
             wanted += [] if drowns_steps else [from_cells]
         if withheld in _BLIND and _moves(now.twist):
-            wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + 500_000_000, reason=withheld))
+            wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + _WARNING_NS, reason=withheld))
+        if _overrides(now):
+            wanted.append(Advice(Symbol.WARNING, _OVERRIDE_NUMBER, now.now_ns + _WARNING_NS, reason=OVERRIDE_WARNING))
         return [*wanted, *now.others]
 
     def _again(self, now: HapticInputs, withheld: bool) -> Advice | None:
@@ -275,6 +288,9 @@ class HapticGuide:
         if now.level_told != self._level_told:
             self._level_told = now.level_told
             return now.level_told
+        crept, self._creeps = self._creeps, now.guard is not None and now.guard.overridden
+        if self._creeps and not crept:
+            return CREEPS
         if self.state.goal and self.leader.goal is None and not self.leader.arrived:
             return f"You are no longer led: {self.leader.reason}."
         waited, self._waits = self._waits, bool(self.leader.waits)
@@ -308,6 +324,7 @@ class HapticGuide:
         return replace(
             shown,
             level=now.level,
+            speaks=self._teller.speaks,
             goal="" if leader.goal is None else leader.goal.name,
             step=leader.step_words,
             reason=leader.reason if guidance is None else guidance.reason,
@@ -316,6 +333,11 @@ class HapticGuide:
             offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and told.said is None),
             hold=StickHold() if guidance is None else guidance.hold,
         )
+
+
+def _overrides(now: HapticInputs) -> bool:
+    """Return whether the board is about to let a long push through."""
+    return now.guard is not None and now.guard.warns
 
 
 def _moves(twist: Twist) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from waychair.control.behaviours.commands import Signal
-from waychair.control.haptics.guidance import StickHold
+from waychair.control.haptics.guide_types import StickHold
 from waychair.control.haptics.symbols import Advice
 from waychair.firmware_bridge.glove.bridge import GloveReport
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
@@ -49,7 +49,7 @@ class HapticState:
     `goal`: the place that the rider is led to, empty without one; `step`: the present step in words; `reason`: the guide's
     reason, or why leading has ended. `symbol`, `text`, `count`: the symbol said last, in words, and how many things have been
     told. `play`: its bursts on the skin, each (motors by their places, ms on, ms off). `unfelt`: why the last symbol was not
-    felt. `withheld`: why nobody tells the steps now; the chair drives as without them. `offers`: the guide has fallen
+    felt. `speaks`: the chair itself speaks or plays a tone, or is about to. `withheld`: why nobody tells the steps now; the chair drives as without them. `offers`: the guide has fallen
     silent because the rider does not follow, and offers to repeat. `hold`: how the stick is best held meanwhile. `glove`:
     None without a glove. `notices`: all that is amiss.
     """
@@ -65,6 +65,7 @@ class HapticState:
     count: int = 0
     play: tuple[tuple[tuple[int, ...], int, int], ...] = ()
     unfelt: str = ""
+    speaks: bool = False
     withheld: str = ""
     offers: bool = False
     hold: StickHold = field(default_factory=StickHold)

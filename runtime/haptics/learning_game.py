@@ -154,5 +154,33 @@ def summary(answers: Sequence[GameAnswer], learner: RiderLearner) -> str:
         told = f"; taken for {', '.join(wrong)}" if wrong else ""
         if of_it:
             lines.append(f"  {symbol.value}: {sum(each.right for each in of_it)} of {len(of_it)}{told}")
+    lines += [turned] if (turned := turned_device(answers)) else []
     lines.append(f"the chair obeys this rider about {learner.model.lag_s:.2f} s after a pattern's end")
     return "\n".join(lines)
+
+
+TURNED_SHARE, TURNED_LEAST = 0.6, 4
+"""Share of the answers that ask for the opposite on a device that sits the wrong way round: of a rider who answers at random it is a
+third at most. And the fewest answers by which this is decided."""
+
+
+def turned_device(answers: Sequence[GameAnswer]) -> str:
+    """Return in a sentence how a device sits whose symbols were answered by their opposites; empty if they were not.
+
+    A device that is turned by half a turn swaps ahead and back, and keeps the sense of the swivels, which run round.
+    """
+
+    def swapped(one: Symbol, other: Symbol) -> bool:
+        of_them = [each for each in answers if each.said in (one, other)]
+        opposite = {one: expected(other), other: expected(one)}
+        count = sum(each.done == opposite[each.said] for each in of_them)
+        return len(of_them) >= TURNED_LEAST and count >= TURNED_SHARE * len(of_them)
+
+    along, round_ = swapped(Symbol.FORWARD, Symbol.BACK), swapped(Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
+    if along and round_:
+        return "ahead and back, and left and right, were answered as each other: the device may sit upside down; put it on anew"
+    if along:
+        return "ahead and back were answered as each other: the device may be turned by half a turn; put it on anew"
+    if round_:
+        return "left and right were answered as each other: the device may sit upside down, or on the other hand; put it on anew"
+    return ""

@@ -7,9 +7,9 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.haptics.guidance import GuideInputs, GuideState, GuideWord, LeadingPhase
-from waychair.control.haptics.guide import GuideConstants
+from waychair.control.haptics.guide import StepGuide
 from waychair.control.haptics.guide_numbers import NUDGES, VALID_NS
+from waychair.control.haptics.guide_types import GuideInputs, GuideState, GuideWord, LeadingPhase
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import PlanningError
@@ -126,7 +126,7 @@ class StepLeader:
         self._take_plan(now.now_ns)
         if self._plan is None:
             return None
-        guide = GuideConstants(self._body, self.learner.model, self._durations)
+        guide = StepGuide(self._body, self.learner.model, self._durations)
         self._before = self._memory
         guidance, self._memory = guide.step(self._plan, self._memory, now)
         if guidance.arrived:

@@ -22,7 +22,7 @@ from waychair.firmware_bridge.glove.messages import PlayStep
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.sounds import Sounds
 
-REPEAT_OFFER = "say or press repeat to hear it again"
+REPEAT_OFFER = "press repeat to hear it again"
 """Sentence with which advice falls silent."""
 
 
@@ -74,7 +74,7 @@ class Teller:
         While a rider who feels nothing hears something else, only warnings are due: other advice would not be heard in time.
         """
         yes, repeats = self._begin_tick(now_ns)
-        if self._sounds is not None and self._sounds.busy and not self._is_felt(now_ns):
+        if self.speaks and not self._is_felt(now_ns):
             wanted = [each for each in wanted if each.symbol is Symbol.WARNING]
         asked = asked or repeats > 0
         done, self.memory = advise(wanted, self._words, self.memory, now_ns, asked=asked, reacted=reacted)
@@ -130,6 +130,11 @@ class Teller:
     def heard(self) -> bool:
         """Whether advice can be heard, by speech or tones."""
         return self._sounds is not None and self._sounds.heard
+
+    @property
+    def speaks(self) -> bool:
+        """Whether something is spoken or played now, or waits to be."""
+        return self._sounds is not None and self._sounds.busy
 
     def _is_felt(self, now_ns: int) -> bool:
         """Return whether there is a glove in order."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from waychair.control.safety.guard import GUARDED
-from waychair.types import HelpLevel, Telemetry
+from waychair.types import GuardReport, HelpLevel, Telemetry
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,13 @@ class GuardView:
     def waits(self) -> bool:
         """Whether the board does not guard yet: it begins once the joystick has been at rest for two seconds."""
         return self.level in GUARDED and self.caps is None
+
+    @property
+    def report(self) -> GuardReport | None:
+        """The board's own report, None while it does not guard."""
+        if self.caps is None:
+            return None
+        return GuardReport(self.caps, self.capped, self.warns, self.overridden, self.lost)
 
 
 class HelpState(Protocol):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.haptics.guidance import StickHold
+from waychair.control.haptics.guide_types import StickHold
 from waychair.control.safety.collision_monitor import VERDICT_MS
 from waychair.control.safety.guard import (
     GUARDED,

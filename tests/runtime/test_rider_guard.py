@@ -11,7 +11,7 @@ import pytest
 from tests.runtime.riding import Ride
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guidance import StickHold
+from waychair.control.haptics.guide_types import StickHold
 from waychair.control.safety.guard import SPOKEN, UNCALIBRATED
 from waychair.errors import TransportError
 from waychair.firmware_bridge.caps import STALE_CAP

@@ -11,6 +11,7 @@ import pytest
 
 from tests.runtime.haptics.guided_rider import room
 from tests.ui.driving import ready_page, until
+from tests.ui.test_guide_panel import VOICE
 from tests.ui.test_menu import LABELS, choose, menu_page
 from waychair.control.haptics.next_door import DoorSide, door_words
 from waychair.firmware_bridge.glove.bridge import GloveReport
@@ -120,6 +121,29 @@ def test_what_is_said_is_shown_announced_once_and_lit_on_the_glove(page: Page, t
     page.wait_for_timeout(200)
     assert [text for text in page.evaluate("announced") if text] == ["drive straight ahead"] * 2
     assert "not felt: motor 4 of the glove is open" in page.inner_text("#haptics-said li >> nth=0")
+
+
+def test_the_page_does_not_speak_while_the_chair_does_and_goes_on_afterwards(page: Page, telling: Telling) -> None:
+    def say(phrase: str) -> None:
+        page.evaluate(
+            "(phrase) => import('./static/js/sound.js').then((voice) => voice.speakOnly(phrase, () => {}))", phrase
+        )
+
+    telling.state = STATE
+    page.evaluate(VOICE)
+    say("first item")
+    assert page.evaluate("heard.phrases") == ["first item"]
+    cut = page.evaluate("heard.cut")
+    telling.state = replace(STATE, speaks=True)
+    until(lambda: page.evaluate("heard.cut") == cut + 1, "the page speaks on beside the chair")
+    telling.state = STATE
+    until(lambda: page.evaluate("heard.phrases") == ["first item"] * 2, "what was cut off is not said anew")
+    telling.state = replace(STATE, speaks=True)
+    until(lambda: page.evaluate("heard.cut") > cut + 1, "the page speaks on beside the chair")
+    say("second item")
+    assert page.evaluate("heard.phrases") == ["first item"] * 2
+    telling.state = STATE
+    until(lambda: page.evaluate("heard.phrases")[2:] == ["second item"], "the latest is not said")
 
 
 def test_steps_that_are_withheld_and_faults_are_named(page: Page, telling: Telling) -> None:

@@ -1,8 +1,8 @@
 """Glove, voice and rider of a simulated chair that runs live: the glove's program on this computer, or a glove on a port.
 
-    with open_haptics(options, world, seed) as parts:
+    with open_haptics(options, body, grid, zones, seed) as parts:
         parts.guide                      # for the chair
-        parts.beat(now_ns, simulator)    # every heartbeat
+        parts.beat(simulator)            # every heartbeat
 
 With a `driver` a simulated one feels the motors and moves the chair's own joystick; otherwise a person does.
 """

@@ -44,7 +44,7 @@ from waychair.runtime.rider.guard_view import GuardView
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
+from waychair.types import HelpLevel, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
 
 NO_CELLS = "nobody looks for doorways: start the cells node with `perceive:=true`"
 
@@ -122,7 +122,7 @@ class LedRider:
                 level=guard.level,
                 level_told=guard.told,
                 stick=JoystickInput(now_ns, forward, turn),
-                guard=None if guard.caps is None else GuardReport(guard.caps),
+                guard=guard.report,
                 signal=None if seen is None else seen.told,
                 others=tuple(others),
                 computer_drives=drive is not None and drive.driving and not drive.steered,

@@ -10,8 +10,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.course import before_wall, drift_in_door, led_against, off_aim
-from waychair.control.haptics.guidance import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
-from waychair.control.haptics.guide import GuideConstants
+from waychair.control.haptics.guide import StepGuide
 from waychair.control.haptics.guide_numbers import (
     ALL,
     BACK_FROM_THINGS,
@@ -24,6 +23,7 @@ from waychair.control.haptics.guide_numbers import (
     OPEN_SWIVEL_FROM,
     SLOW,
 )
+from waychair.control.haptics.guide_types import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
@@ -99,7 +99,7 @@ def driven(
 ) -> Drive:
     """Lead a driver, of whom `known` is known, along steps; `held`: a guard holds the stick as the guide asks."""
     guide, state, said = (
-        GuideConstants(CHAIR_A, known or driver.rider, DURATIONS),
+        StepGuide(CHAIR_A, known or driver.rider, DURATIONS),
         GuideState(),
         list[tuple[float, Symbol]](),
     )
@@ -146,7 +146,7 @@ def test_patterns_keep_their_gap() -> None:
 
 
 def test_a_nudge_that_is_on_its_way_is_counted_before_another_is_said() -> None:
-    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    guide, now_ns = StepGuide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
     off = GuideInputs(now_ns, Pose2(1.0, 0.0, math.radians(3.0)), Twist(0.3, 0.0))
     said = GuideState(step=0, said=Symbol.NUDGE_RIGHT, said_ns=now_ns - 700_000_000)
     again, _ = guide.step(corner(), said, off)
@@ -192,7 +192,7 @@ def test_a_guard_that_holds_the_stick_leads_a_drifting_hand_with_weak_nudges_thr
 
 
 def test_a_side_to_which_a_nudge_is_on_its_way_is_not_held() -> None:
-    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    guide, now_ns = StepGuide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
     straight = GuideInputs(now_ns, Pose2(1.0), Twist(0.3, 0.0), holds=True)
     said = GuideState(step=0, phase=LeadingPhase.GO, said=Symbol.NUDGE_LEFT, said_ns=now_ns - 500_000_000)
     quiet, _ = guide.step(corner(), said, straight)
@@ -202,7 +202,7 @@ def test_a_side_to_which_a_nudge_is_on_its_way_is_not_held() -> None:
 
 
 def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
-    guide, now_ns = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    guide, now_ns = StepGuide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
     state = GuideState(
         step=1, phase=LeadingPhase.TURN, heading=math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 10**9
     )
@@ -214,7 +214,7 @@ def test_a_turn_is_stopped_at_its_heading_and_not_before() -> None:
 
 
 def test_a_driver_who_has_not_felt_that_a_leg_ends_is_held_where_the_turn_or_the_arrival_begins() -> None:
-    guide, now_ns, plan = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000, corner()
+    guide, now_ns, plan = StepGuide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000, corner()
     turn = next(k for k, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT)
     for index, phase, said in ((turn, LeadingPhase.TURN, Symbol.SWIVEL_LEFT), (-1, LeadingPhase.DONE, Symbol.ARRIVED)):
         step = plan.steps[index]
@@ -255,7 +255,7 @@ def test_an_arc_of_a_chair_that_veers_ends_on_the_open_leg() -> None:
 
 
 def test_a_chair_is_turned_before_an_open_leg_so_far_that_its_veer_leads_back_to_it() -> None:
-    guide = GuideConstants(CHAIR_A, RiderModel(veer_per_m=-0.12), DURATIONS)
+    guide = StepGuide(CHAIR_A, RiderModel(veer_per_m=-0.12), DURATIONS)
     plan = corner()
     turn = next(k for k, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT)
     end = plan.steps[turn].end.theta
@@ -284,7 +284,7 @@ def test_nudges_in_vain_end_in_a_turn_sooner_before_a_door_than_on_an_open_leg(
     begin = steps.steps[at].start
     pose, state = begin @ Pose2(0.3, 0.0, math.radians(-degrees)), GuideState(step=at, nudged=IN_VAIN)
     inputs = GuideInputs(10_000_000_000, pose, Twist(0.2, 0.0), holds=True)
-    word, _ = GuideConstants(CHAIR_A, RiderModel(), DURATIONS).step(steps, state, inputs)
+    word, _ = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(steps, state, inputs)
     assert word.advice is not None
     assert word.advice.symbol is (Symbol.SWIVEL_LEFT if turns else Symbol.NUDGE_LEFT)
 
@@ -308,14 +308,14 @@ def test_a_driver_is_sent_back_behind_the_start_of_a_leg_only_as_far_as_somebody
 ) -> None:
     state = GuideState(step=0, said=Symbol.FORWARD, said_ns=0, still_ns=0)
     inputs = GuideInputs(10_000_000_000, Pose2(), Twist(), holds=holds)
-    word, state = GuideConstants(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
+    word, state = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
     assert word.advice is not None
     assert word.advice.symbol is Symbol.BACK
     assert state.back_until == pytest.approx(-back)
 
 
 def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
-    plan, guide, state = corner(), GuideConstants(CHAIR_A, RiderModel(), DURATIONS), GuideState()
+    plan, guide, state = corner(), StepGuide(CHAIR_A, RiderModel(), DURATIONS), GuideState()
     state = replace(state, step=next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT))
     state = replace(state, phase=LeadingPhase.TURN, heading=math.pi / 2)
     asked = list[Symbol]()
@@ -337,7 +337,7 @@ def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
 def test_a_turn_that_the_guard_holds_is_over_at_its_heading_and_stuck_elsewhere(
     off_deg: float, phase: LeadingPhase
 ) -> None:
-    plan, guide = corner(), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    plan, guide = corner(), StepGuide(CHAIR_A, RiderModel(), DURATIONS)
     pivot = next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT)
     state = GuideState(pivot, LeadingPhase.TURN, math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=0, still_ns=0)
     pose = Pose2(3.0, 0.0, math.pi / 2 - math.radians(off_deg))
@@ -349,7 +349,7 @@ def test_a_turn_that_the_guard_holds_is_over_at_its_heading_and_stuck_elsewhere(
 def _held_ahead_until(plan: StepPlan, driven_m: float) -> float:
     """Return the time [s] after which a driver whom the guard holds from a place on is sent back; inf if never."""
     guide, driver, state = (
-        GuideConstants(CHAIR_A, RiderModel(), DURATIONS),
+        StepGuide(CHAIR_A, RiderModel(), DURATIONS),
         PlainDriver(HERE, RiderModel()),
         GuideState(),
     )
@@ -375,7 +375,7 @@ def test_somebody_who_walks_by_has_time_to_pass_before_a_driver_on_an_open_leg_i
 def test_a_driver_held_before_a_door_waits_with_a_good_aim_and_is_sent_back_from_a_jamb(
     offset: float, phase: LeadingPhase
 ) -> None:
-    plan, guide = through(DoorPassage(Pose2(3.0, 0.0), 0.9)), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    plan, guide = through(DoorPassage(Pose2(3.0, 0.0), 0.9)), StepGuide(CHAIR_A, RiderModel(), DURATIONS)
     at = next(k for k, each in enumerate(plan.steps) if each.door is not None)
     state = GuideState(at, LeadingPhase.GO, said=Symbol.FORWARD, said_ns=0, still_ns=0, aim=Aim(offset, 0.0, 200))
     inputs = GuideInputs.under((0.0, 1.0, 1.0, 1.0), 0.25, 0.0, 2_500_000_000, plan.steps[at].start, Twist())
@@ -384,7 +384,7 @@ def test_a_driver_held_before_a_door_waits_with_a_good_aim_and_is_sent_back_from
 
 
 def test_a_driver_who_stops_short_of_the_place_gets_new_steps() -> None:
-    plan, guide = open_leg(2.0), GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    plan, guide = open_leg(2.0), StepGuide(CHAIR_A, RiderModel(), DURATIONS)
     ended = {}
     for short in (0.1, 0.45):
         said = GuideState(1, LeadingPhase.DONE, said=Symbol.ARRIVED, said_ns=0)
@@ -395,7 +395,7 @@ def test_a_driver_who_stops_short_of_the_place_gets_new_steps() -> None:
 
 def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> None:
     about = Step(StepKind.STRAIGHT, Pose2(0.0, 0.0, math.pi), Pose2(-2.0, 0.0, math.pi), room=0.3)
-    guide, plan = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), with_pivots(Pose2(), [about], None)
+    guide, plan = StepGuide(CHAIR_A, RiderModel(), DURATIONS), with_pivots(Pose2(), [about], None)
     for side, symbol in ((1.0, Symbol.SWIVEL_LEFT), (-1.0, Symbol.SWIVEL_RIGHT)):
         state, asked = GuideState(step=0, phase=LeadingPhase.TURN, heading=math.pi, said=symbol), []
         for tick in range(1, 200):
@@ -426,7 +426,7 @@ def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
 
 def test_the_guide_falls_silent_before_a_driver_who_does_not_follow_and_offers_to_repeat() -> None:
     plan, driver = corner(), PlainDriver(Pose2(), RiderModel(), deaf=True)
-    guide, state, said, offered = GuideConstants(CHAIR_A, RiderModel(), DURATIONS), GuideState(), list[float](), False
+    guide, state, said, offered = StepGuide(CHAIR_A, RiderModel(), DURATIONS), GuideState(), list[float](), False
     for tick in range(1, 400):
         guidance, state = guide.step(plan, state, GuideInputs(tick * 50_000_000, driver.pose, Twist()))
         offered = offered or guidance.offers_repeat
@@ -437,7 +437,7 @@ def test_the_guide_falls_silent_before_a_driver_who_does_not_follow_and_offers_t
 
 
 def test_a_driver_far_beside_the_leg_gets_new_steps() -> None:
-    guide = GuideConstants(CHAIR_A, RiderModel(), DURATIONS)
+    guide = StepGuide(CHAIR_A, RiderModel(), DURATIONS)
     guidance, _ = guide.step(corner(), GuideState(), GuideInputs(50_000_000, Pose2(1.0, 0.8, 0.0), Twist(0.3, 0.0)))
     assert guidance.astray
     assert guidance.advice is None

@@ -285,11 +285,15 @@ def test_other_firmware_is_named() -> None:
         assert told in glove_advice.reply_problem(reply, ours, GLOVE, Fitting())
 
 
-def test_two_gloves_of_the_same_name_are_refused() -> None:
-    one = GloveReply(1, GLOVE_LAYOUT_HASH, 0x0100, glove_hello("A", 1).device_id, 1, 9, Hand.RIGHT, 0)
-    other = replace(one, device_id=glove_hello("B", 1).device_id, hand=Hand.LEFT)
-    assert glove_advice.twin_problem([one, other]) == ""
-    assert "both named 'A'" in glove_advice.twin_problem([one, other, one])
+def test_of_two_gloves_of_one_name_only_the_one_on_the_riders_port_is_spoken_to(glove_program: Path) -> None:
+    rider, other = Worn(glove_program), HostGlove(glove_program, None)
+    with rider.glove, other:
+        for tick in range(140):
+            rider.run(10)
+            if tick == 70:
+                assert rider.play(Symbol.FORWARD) == ""
+            assert not other.step(rider.now_ms).levels.any()
+    assert rider.levels.any()
 
 
 def test_a_glove_put_on_askew_is_turned_by_the_answers_of_its_rider(glove_program: Path) -> None:
@@ -319,7 +323,11 @@ def test_gains_are_of_places_and_follow_the_turn(glove_program: Path) -> None:
 
 @pytest.mark.parametrize(
     ("answers", "told"),
-    [([1, 1], "2 answers"), ([1, 1, 4], "motor 4 is not one of the ring"), ([1, 7, 1, 7], "the answers disagree")],
+    [
+        ([1, 1], "2 answers"),
+        ([1, 1, 4], "motor 4 is not one of the ring"),
+        ([1, 7, 1, 7], "the answers name different motors"),
+    ],
 )
 def test_answers_that_decide_nothing_are_refused(answers: list[int], told: str) -> None:
     with pytest.raises(GloveError, match=told):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,12 @@ from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
-from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST
+from waychair.runtime.haptics.haptic_guide import AS_PAPER, CREEPS, LOST
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
-from waychair.types import HelpLevel, Place, Pose2, Twist
+from waychair.types import GuardReport, HelpLevel, Place, Pose2, Twist
 
 FORWARD = {7, 4, 1}
+FREE = GuardReport((1.0, 1.0, 1.0, 1.0))
 
 
 @pytest.fixture
@@ -161,6 +163,21 @@ def test_advice_of_another_program_is_felt_by_a_rider_who_is_not_led(rider: Guid
     assert (state.symbol, state.goal) == ("forward", "")
     rider.run(700)
     assert rider.felt(began) == FORWARD
+
+
+@pytest.mark.parametrize("profile", [HapticsProfile(), HapticsProfile(advice="paper")])
+def test_an_override_by_a_long_push_is_warned_on_the_skin_and_said_when_it_begins(profile: HapticsProfile) -> None:
+    with GuidedRider(profile=profile) as rider:
+        rider.guard = replace(FREE, warns=True)
+        began = rider.now_ms
+        state = rider.run(500)
+        assert state.symbol == "warning"
+        assert rider.felt(began) == set(range(9))
+        assert rider.said() == ["warning"], "once for one push"
+        rider.guard = replace(FREE, overridden=True)
+        assert rider.run(200).text == CREEPS
+        rider.guard = FREE
+        assert rider.run(200).count == 2
 
 
 def test_a_pose_lost_in_the_middle_of_a_leg_warns_once_moving_and_goes_on_when_it_is_found(rider: GuidedRider) -> None:

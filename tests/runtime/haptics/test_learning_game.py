@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import refused, waychair
-from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.learning import RiderLearner, expected
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.profile import HapticsProfile
+from waychair.control.haptics.symbols import Symbol
 from waychair.errors import GloveError
 from waychair.firmware_bridge.glove.program import GloveInputs
-from waychair.runtime.haptics.learning_game import ASKED, GameAnswer, play_game, summary
+from waychair.runtime.haptics.learning_game import ASKED, GameAnswer, play_game, summary, turned_device
 from waychair.runtime.haptics.learnt_file import load_learner
 from waychair.simulation.rider.blind_driver import DriverModel
 from waychair.simulation.rider.driver_presets import DRIVERS
@@ -43,6 +44,32 @@ def test_symbols_that_are_mixed_up_are_named() -> None:
     assert wrong
     assert sum(learner.answers().values()) == len(answers)
     assert "taken for" in summary(answers, learner)
+
+
+def test_a_device_that_sits_the_wrong_way_round_is_told_by_the_answers() -> None:
+    model = replace(DRIVERS["default"], reaction_s=0.8, patience_s=1.0)
+    with simulated_player(HapticsProfile(turned=(4,)), WORDS, model, 3) as player:
+        answers = list(play_game(player, WORDS, RiderLearner(), 60.0, 3))
+    assert turned_device(answers).startswith("ahead and back were answered as each other")
+    assert turned_device(answers) in summary(answers, RiderLearner())
+
+
+@pytest.mark.parametrize(
+    ("opposite", "told"),
+    [
+        (ASKED[:2], "ahead and back were answered as each other"),
+        (ASKED[2:], "left and right were answered as each other"),
+        (ASKED, "ahead and back, and left and right, were answered as each other"),
+        (ASKED[4:], ""),
+        ((), ""),
+    ],
+)
+def test_answers_by_the_opposite_tell_how_the_device_sits(opposite: tuple[Symbol, ...], told: str) -> None:
+    pairs = (ASKED[:2], ASKED[2:4], ASKED[4:])
+    other = {symbol: next(each for each in pair if each is not symbol) for pair in pairs for symbol in pair}
+    answers = [GameAnswer(each, expected(other[each] if each in opposite else each), 0.5) for each in ASKED]
+    assert turned_device(answers * 2).split(":")[0] == told
+    assert not turned_device(answers), "too few"
 
 
 def test_a_glove_that_plays_nothing_ends_the_game_with_its_reason() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.runtime.haptics.guided_rider import DESK, START, room
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guidance import GuideInputs
+from waychair.control.haptics.guide_types import GuideInputs
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.patterns import vocabulary
 from waychair.planning.grid.costmap import Costmap, LiveCostmap

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +19,17 @@ from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import ConfigError
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.haptics.haptic_guide import CREEPS, OVERRIDE_WARNING
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.perception import Perception
+from waychair.simulation.plan.world import World
+from waychair.simulation.scene.scene import Block
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair
 from waychair.trials.guiding.blind_route import blind_drive, waypoints
 from waychair.trials.guiding.live_haptics import HapticOptions, HapticParts, open_haptics
 from waychair.trials.record import drive_route
-from waychair.types import HelpLevel, Place, Pose2
+from waychair.types import HelpLevel, JoystickInput, Place, Pose2
 
 DESK = Place("desk", Pose2(5.0, 2.5, 0.0), 0.3, 0.3)
 SILENT_PROFILE = HapticsProfile(speech=False)
@@ -48,9 +52,9 @@ class Led:
         return state
 
 
-@pytest.fixture
-def led() -> Iterator[Led]:
-    world = hall()
+@contextmanager
+def led_in(world: World) -> Iterator[Led]:
+    """Yield a chair whose driver feels the glove alone."""
     simulator = Simulator(world, CHAIR_A, SimulatorSettings(lidar=LIDAR), 0)
     setup = DriveSetup(world.grid, {"desk": DESK}, CHAIR_A, DEFAULT)
     options = HapticOptions(SILENT_PROFILE, driver="default")
@@ -61,6 +65,12 @@ def led() -> Iterator[Led]:
     ):
         made = Led(chair, simulator, parts)
         made.tick(8)
+        yield made
+
+
+@pytest.fixture
+def led() -> Iterator[Led]:
+    with led_in(hall()) as made:
         yield made
 
 
@@ -121,6 +131,29 @@ def test_a_driver_led_by_the_running_chair_arrives_untouched_and_the_trainers_ro
     assert (row.goal, row.level, row.arrived, row.touches) == ("desk", "guide", True, 0)
     assert 2.5 < row.distance_m < 4.0
     assert row.symbols >= 2
+
+
+def test_a_rider_who_cannot_see_feels_a_warning_before_a_long_push_overrides_the_guard() -> None:
+    world = hall()
+    shelf = Block(world.start @ Pose2(CHAIR_A.front + 0.2), 0.2, 3.0, 0.0, 1.5)
+    told, first_s = list[str](), dict[str, float]()
+    with led_in(replace(world, blocks=(*world.blocks, shelf))) as led:
+        led.chair.choose_level(HelpLevel.GUARD)
+        led.tick(50)
+        for tick in range(70):
+            led.simulator.rider = JoystickInput(0, 1.0, 0.0)
+            state, driver = led.tick(), led.parts.driver
+            assert driver is not None
+            assert state.haptics is not None
+            assert state.telemetry is not None
+            assert state.telemetry.guard is not None
+            told += [state.haptics.text] if state.haptics.text not in told[-1:] else []
+            if state.telemetry.guard.overridden:
+                first_s.setdefault("override", 0.05 * tick)
+            for felt in driver.felt:
+                first_s.setdefault(felt.symbol, 0.05 * tick)
+    assert told[-2:] == [f"stop the chair: {OVERRIDE_WARNING}", CREEPS]
+    assert 1.9 < first_s["warning"] < first_s["override"], first_s
 
 
 def test_who_is_guarded_and_asks_to_be_led_is_guided(led: Led) -> None:

@@ -3,6 +3,7 @@
 
 import { ask, on } from "./link.js";
 import { $, element, now, say, sentenceOf, setText } from "./page.js";
+import { holdVoice } from "./sound.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MOST_SAID = 12;
@@ -95,6 +96,7 @@ function showPlaces() {
 
 on("haptics", (seen) => {
   now.haptics = seen.there ? seen : null;
+  holdVoice(seen.there && seen.speaks);
   $("haptics-there").hidden = !seen.there;
   $("haptics-none").hidden = seen.there;
   if (!seen.there) return;
@@ -119,7 +121,11 @@ on("haptics", (seen) => {
   heard = seen.count;
 });
 on("layout", () => setTimeout(showPlaces, 0)); // the newest layout is noted first
-on("state", (state) => state !== "open" && (heard = null)); // another program counts anew
+on("state", (state) => {
+  if (state === "open") return;
+  heard = null; // another program counts anew
+  holdVoice(false);
+});
 
 /** Asks the chair to say the present step again, or where it is. */
 export const sayStep = () => say(ask("say_again"));

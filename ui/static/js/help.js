@@ -27,7 +27,7 @@ function show({ guard }) {
   if (!guard) return;
   for (const level of LEVELS) $(`help-${level}`).setAttribute("aria-pressed", String(level === guard.level));
   setText($("help-state"), state(guard));
-  showCaps(guard.caps);
+  for (const id of ["help-caps", "haptics-caps"]) showCaps($(id), guard.caps);
   $("help-override").hidden = !guard.capped || guard.creeps || guard.lost;
   if (heard !== null && guard.told && guard.told !== heard) tell(guard.told);
   heard = guard.told;
@@ -42,8 +42,8 @@ function state({ waits, lost, creeps, warns, capped }) {
   return capped ? "The guard holds you back." : "The guard watches. It does not see everything.";
 }
 
-function showCaps(caps) {
-  const list = $("help-caps");
+/** Shows the caps in a list: beside the levels of help, and on the tab of touch. */
+function showCaps(list, caps) {
   list.hidden = !caps;
   const texts = (caps ?? []).map((cap, to) => `${DIRECTIONS[to]} ${Math.round(100 * cap)} %`);
   if (list.dataset.shown === texts.join()) return;

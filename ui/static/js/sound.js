@@ -13,19 +13,20 @@ export function setSound(on) {
   if (!on) hush();
 }
 
-let important = false; // a phrase is spoken that another one waits for
-let waiting = null; // {phrase, ended}
+let said = null; // the phrase that is spoken: {phrase, ended, mustBeHeard}
+let waits = { important: null, other: null }; // the latest phrases that wait, of either kind
+let held = false; // the chair itself speaks
 
-/** Ends the phrase that is being spoken. */
+/** Ends the phrase that is being spoken, and forgets those that wait. */
 export function hush() {
-  [important, waiting] = [false, null];
+  [said, waits] = [null, { important: null, other: null }];
   globalThis.speechSynthesis?.cancel();
 }
 
 /** Two soft notes, then the phrase where this browser has a voice. */
 export function announce(phrase) {
   if (!wanted) return;
-  for (const part of [() => tone(660, 0), () => tone(880, 0.22), hush, () => globalThis.speechSynthesis && speak(phrase)]) {
+  for (const part of [() => tone(660, 0), () => tone(880, 0.22), hush, () => globalThis.speechSynthesis && begin({ phrase, ended: () => {} })]) {
     try {
       part();
     } catch {
@@ -41,27 +42,44 @@ export function announce(phrase) {
 export function speakOnly(phrase, ended, mustBeHeard = false) {
   try {
     if (!globalThis.speechSynthesis?.getVoices().length) return false;
-    if (important && !mustBeHeard) {
-      waiting = { phrase, ended };
-      return true;
-    }
-    hush();
-    important = mustBeHeard;
-    const said = speak(phrase);
-    said.onend = said.onerror = () => {
-      if (current !== said) return;
-      const next = waiting;
-      [important, waiting] = [false, null];
-      ended();
-      if (next) speakOnly(next.phrase, next.ended);
-    };
+    begin({ phrase, ended, mustBeHeard });
     return true;
   } catch {
     return false;
   }
 }
 
-let current = null;
+/** Lets this page's voice wait while the chair itself speaks: a phrase that is cut off by it is spoken anew afterwards. */
+export function holdVoice(on) {
+  if (held === on) return;
+  held = on;
+  if (!on) {
+    next();
+    return;
+  }
+  const cut = said;
+  if (!cut) return;
+  said = null;
+  globalThis.speechSynthesis?.cancel();
+  waits[cut.mustBeHeard ? "important" : "other"] ??= cut;
+}
+
+function begin(job) {
+  if (held || (said?.mustBeHeard && !job.mustBeHeard)) {
+    waits[job.mustBeHeard ? "important" : "other"] = job;
+    return;
+  }
+  hush();
+  speak(job);
+}
+
+/** Speaks what waits, the important first. */
+function next() {
+  const job = waits.important ?? waits.other;
+  if (!job) return;
+  waits[waits.important ? "important" : "other"] = null;
+  speak(job);
+}
 
 /** A short note after some seconds, also where tone and voice before a motion are off. */
 export function beep(frequency, after = 0) {
@@ -78,12 +96,17 @@ export function warn() {
   beep(660, 0.3);
 }
 
-function speak(phrase) {
-  const spoken = new SpeechSynthesisUtterance(phrase);
+function speak(job) {
+  const spoken = new SpeechSynthesisUtterance(job.phrase);
   spoken.lang = "en";
-  current = spoken;
+  said = job;
+  spoken.onend = spoken.onerror = () => {
+    if (said !== job) return;
+    said = null;
+    job.ended();
+    if (!said && !held) next();
+  };
   speechSynthesis.speak(spoken);
-  return spoken;
 }
 
 function tone(frequency, after) {

@@ -123,7 +123,7 @@ class GuideWord:
     """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
 
     `hold`: how the stick is best held, ahead less near a door, least before a tight one. `astray`: new steps are wanted.
-    `offers_repeat`: the rider seems to have a reason not to follow; the guide is silent until asked.
+    `offers_repeat`: the rider seems to have a reason not to follow; the guide is silent for a while, or until asked.
     """
 
     advice: Advice | None
