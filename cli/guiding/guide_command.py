@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import BadArgument, NonNegativeInt
+from waychair.cli.options.arguments import BadArgument, Minutes, NonNegativeInt
 
 if TYPE_CHECKING:
     from waychair.trials.guiding.guided import GuidedRecord
@@ -22,10 +22,11 @@ def guide_command(
     rider: Literal["blind", "stick"] = "blind",
     level: Literal["inform", "guard", "guide"] = "guide",
     driver: str = "default",
+    body: str = "A",
     layout: str = "glove_3x3",
     people: NonNegativeInt = 0,
     seed: NonNegativeInt = 0,
-    minutes: float = 10.0,
+    minutes: Minutes = 10.0,
     out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     sound: Path | None = None,
     quiet: bool = False,
@@ -48,7 +49,10 @@ def guide_command(
     level
         inform: advice alone; guard: the stick is held within caps, and nobody says anything; guide: both.
     driver
-        default, waist, older, second_task, noisy_hand, sure_85, sure_70, warnings_90 or fast_swivel.
+        default, waist, older, second_task, noisy_hand, sure_85, sure_70, warnings_90 or fast_swivel; or one who cannot be
+        led: at_random, opposite, idle.
+    body
+        The chair's body: A, B, A_mid, A_front or robot.
     layout
         Motors on the body: glove_3x3, belt_8, bracelets or arm_rest_4.
     people
@@ -64,7 +68,7 @@ def guide_command(
     quiet
         Print nothing but errors.
     """
-    from waychair.calibration.chair_body import CHAIR_A
+    from waychair.calibration.chair_body import BODIES
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
     from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_drive
@@ -77,13 +81,15 @@ def guide_command(
     own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
     to = place_among(own, goal, "--goal", owner)
     begin = plan.start if start is None else place_among(own, start, "--start", owner).pose
+    if body not in BODIES:
+        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
     if sound is not None and rider == "stick":
         raise BadArgument("a rider who sees the steps hears nothing: leave --sound or --rider stick out")
     track = None if sound is None else SoundTrack()
     setup = GuidedSetup(
         world=world_with_people(plan, begin, people, seed),
         grid=plan.grid,
-        body=CHAIR_A,
+        body=BODIES[body],
         driver=driver,
         level=HelpLevel(level),
         layout=layout,

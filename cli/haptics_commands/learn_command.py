@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt
+from waychair.cli.options.arguments import BadArgument, Minutes, NonEmptyPath, NonNegativeInt
 
 if TYPE_CHECKING:
     from waychair.runtime.haptics.learning_game import GameAnswer, Player
@@ -19,7 +19,7 @@ def learn_command(
     port: str | None = None,
     stick: Path = Path("/dev/input/js0"),
     driver: str | None = None,
-    minutes: float = 5.0,
+    minutes: Minutes = 5.0,
     seed: NonNegativeInt = 0,
     reset: bool = False,
     export: NonEmptyPath | None = None,
@@ -55,8 +55,6 @@ def learn_command(
     quiet
         Print nothing but errors.
     """
-    import math
-
     from waychair.control.haptics.patterns import vocabulary
     from waychair.control.haptics.profile import HapticsProfile, load_profile
     from waychair.runtime.haptics.learning_game import play_game, summary
@@ -66,8 +64,6 @@ def learn_command(
 
     if port is not None and driver is not None:
         raise BadArgument("a simulated driver feels the glove's program on this computer: leave --port or --driver out")
-    if not (math.isfinite(minutes) and minutes > 0.0):
-        raise BadArgument(f"--minutes is {minutes}: give a length above zero")
     plays = port is not None or driver is not None
     if not (plays or reset or export):
         raise BadArgument("there is no rider: name the glove's --port, or a simulated --driver")

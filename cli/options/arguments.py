@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,6 +35,21 @@ NonNegativeInt = Annotated[int, Parameter(converter=_whole, validator=validators
 
 PositiveInt = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=1))]
 """A whole number from 1."""
+
+
+def _minutes(kind: type, tokens: Sequence[Token]) -> Any:
+    text = tokens[0].value
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = math.nan
+    if not (math.isfinite(minutes) and minutes > 0.0):
+        raise ValueError(f"'{text}' is no time in minutes above zero")
+    return minutes
+
+
+Minutes = Annotated[float, Parameter(converter=_minutes, allow_leading_hyphen=True)]
+"""A time above zero [min]."""
 
 
 def _named(kind: type, tokens: Sequence[Token]) -> Any:

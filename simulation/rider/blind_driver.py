@@ -58,7 +58,8 @@ ANSWERS: Mapping[str, Answer] = {
 class DriverModel:
     """A driver. Times in s, from the end of a pattern; `sure` is the share of symbols that the mind does not mix up.
 
-    `warnings_felt` is the share of warnings that are noticed. After `patience_s` of silence the driver lets go of the stick, and
+    `warnings_felt` is the share of warnings that are noticed. `obeys`: 1 does what a symbol asks for, -1 the opposite, and 0 holds the
+    stick at rest. After `patience_s` of silence the driver lets go of the stick, and
     after `tries_s` at rest pushes ahead by their own wish.
     """
 
@@ -70,6 +71,7 @@ class DriverModel:
     startle_spread_s: float = 0.07
     sure: float = 1.0
     warnings_felt: float = 1.0
+    obeys: float = 1.0
     patience_s: float = 3.0
     tries_s: float = math.inf
 
@@ -144,7 +146,7 @@ class BlindDriver:
 
     def _act(self, felt: Felt, step_s: float) -> None:
         """Do what a symbol asks for; it also tells the driver that somebody is there."""
-        hand, m = self._hand, self.model.hand
+        hand, m, obeys = self._hand, self.model.hand, self.model.obeys
         self._heard_ns = felt.reacts_ns
         answer = ANSWERS.get(felt.symbol or "")
         if answer is None:
@@ -152,6 +154,7 @@ class BlindDriver:
         if answer == Answer():
             hand.let_go()
         elif answer.nudge:
-            hand.nudge(answer.nudge, max(step_s, 1e-3))
+            hand.nudge(obeys * answer.nudge, max(step_s, 1e-3))
         else:
-            hand.hold(answer.forward * (m.forward if answer.forward > 0.0 else m.back), answer.turn * m.swivel)
+            ahead = obeys * answer.forward
+            hand.hold(ahead * (m.forward if ahead > 0.0 else m.back), obeys * answer.turn * m.swivel)

@@ -11,6 +11,7 @@
 | sure_85, sure_70 | share of symbols understood | assumption |
 | warnings_90 | share of warnings noticed | assumption |
 | fast_swivel | turns on the spot at twice the rate | assumption |
+| at_random, opposite, idle | does something else than each symbol asks for, its opposite, or nothing | made up: riders who cannot be led |
 """
 
 from __future__ import annotations
@@ -40,6 +41,9 @@ DRIVERS: Mapping[str, DriverModel] = MappingProxyType(
         "sure_70": replace(_DEFAULT, sure=0.70),
         "warnings_90": replace(_DEFAULT, warnings_felt=0.90),
         "fast_swivel": replace(_DEFAULT, hand=HandModel(swivel=0.38)),
+        "at_random": replace(_DEFAULT, sure=0.0),
+        "opposite": replace(_DEFAULT, obeys=-1.0),
+        "idle": replace(_DEFAULT, obeys=0.0),
     }
 )
 

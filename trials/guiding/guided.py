@@ -35,6 +35,7 @@ from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import Felt
 from waychair.simulation.rider.lone_driver import LoneDriver
+from waychair.simulation.scene.contact import Contact
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, simulated_chair
@@ -100,7 +101,7 @@ class GuidedRecord:
 
     `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) of the board to the front, the rear, the left and the right, `stick`
     (T, 2) as the driver pushed. `remembered` was learnt of the driver, before and in the drive.
-    `contact_speeds` [m/s] of the contacts; `planned_m` is the length of the first steps. `told`, `felt`: symbols.
+    `planned_m` is the length of the first steps. `told`, `felt`: symbols.
     """
 
     goal: str
@@ -108,7 +109,7 @@ class GuidedRecord:
     reason: str
     seconds: float
     error_m: float
-    contact_speeds: tuple[float, ...]
+    contacts: tuple[Contact, ...]
     planned_m: float
     plans: int
     told: tuple[SaidSymbol, ...]
@@ -248,7 +249,7 @@ class GuidedTrial:
             reason=reason or "the time limit was reached",
             seconds=(simulator.now_ns - began_ns) * 1e-9,
             error_m=error_m,
-            contact_speeds=tuple(contact.speed for contact in simulator.contact_reports[contacts:]),
+            contacts=tuple(simulator.contact_reports[contacts:]),
             planned_m=self._plans[0].length if self._plans else 0.0,
             plans=len(self._plans),
             told=tuple(self._told),

@@ -15,7 +15,7 @@ NOTE = "A simulated driver is not a blind driver: this shows faults of the guida
 
 
 def felt_wrongly(record: GuidedRecord) -> int:
-    """Return how many of the symbols that ended were felt as another, or not at all."""
+    """Return how many of the symbols told were felt as another or not at all; also one that a warning cut short."""
     told = [each for each in record.told if not each.symbol.startswith("obstacle")]
     wrong, felt = 0, list(record.felt)
     for k, each in enumerate(told):
@@ -44,14 +44,21 @@ def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
         "planned_m": round(record.planned_m, 2),
         "error_m": round(record.error_m, 3),
         "plans": record.plans,
-        "contacts": len(record.contact_speeds),
-        "contact_speeds": [round(speed, 3) for speed in record.contact_speeds],
+        "contacts": [
+            {
+                "seconds": round(each.stamp_ns * 1e-9, 2),
+                "with": each.kind.value,
+                "at": [round(each.x, 3), round(each.y, 3)],
+                "speed": round(each.speed, 3),
+            }
+            for each in record.contacts
+        ],
         "symbols": len(record.told),
         "symbols_per_s": round(len(record.told) / seconds, 3),
         "felt_wrongly": felt_wrongly(record),
         "held_by_caps_s": round(float((held | turned).mean()) * seconds, 1),
         "learnt": {name: round(value, 4) for name, value in record.learnt.figures().items()},
-        "path": np.round(record.truth[::10], 3).tolist(),
+        "path": np.round(np.column_stack([record.times_s, record.truth])[::10], 3).tolist(),
     }
 
 
@@ -81,6 +88,6 @@ def summary(record: GuidedRecord, setup: GuidedSetup) -> str:
     way = f"{values['distance_m']:.1f} m for {values['planned_m']:.1f} m planned"
     return (
         f"{ended} in {values['seconds']:.0f} s, {way}\n"
-        f"{touch}; held by the caps for {values['held_by_caps_s']:.0f} s; {values['contacts']} contacts\n"
+        f"{touch}; held by the caps for {values['held_by_caps_s']:.0f} s; {len(record.contacts)} contacts\n"
         f"{NOTE}"
     )

@@ -32,7 +32,7 @@ def test_a_driver_is_led_through_the_next_door_without_a_map() -> None:
         record = trial.drive_through(DoorSide.LEFT, 180.0)
     assert record.reason == "arrived"
     assert record.truth[-1, 0] - CHAIR_A.rear > scene.door.x
-    assert record.contact_speeds == ()
+    assert record.contacts == ()
 
 
 def test_a_chair_remembers_its_driver_from_drive_to_drive() -> None:
@@ -42,6 +42,16 @@ def test_a_chair_remembers_its_driver_from_drive_to_drive() -> None:
     record = guided_drive(setup, scene.goal, 0.1)
     assert record.learnt.lag_s == 1.0
     assert record.remembered["lag_s"] == known["lag_s"]
+
+
+@pytest.mark.parametrize("driver", ["at_random", "opposite", "idle"])
+def test_a_rider_who_cannot_be_led_touches_nothing_and_is_not_told_without_end(driver: str) -> None:
+    scene = door_scene(0.9, 30.0, CHAIR_A, 3)
+    setup = GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, driver, seed=3)
+    record = guided_drive(setup, scene.goal, 30.0)
+    assert not record.reached
+    assert record.contacts == ()
+    assert 3 <= len(record.told) < 30
 
 
 @pytest.mark.skipif(shutil.which("espeak-ng") is None, reason="espeak-ng is not installed")
@@ -65,7 +75,7 @@ def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_pa
     setup = GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, level=HelpLevel.GUIDE, seed=107)
     record = guided_drive(setup, scene.goal, 180.0)
     assert record.reached, record.reason
-    assert record.contact_speeds == ()
+    assert record.contacts == ()
     assert len(record.felt) >= 0.9 * len(record.told)
     save_report(record, setup, tmp_path)
     kept = json.loads((tmp_path / "guided.json").read_text())

@@ -1,0 +1,41 @@
+"""`waychair guide` and `waychair simulate --rider blind` as a user types them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command import refused, waychair
+
+
+def test_a_guided_drive_that_ends_early_is_told_in_one_sentence_and_its_report_is_kept(tmp_path: Path) -> None:
+    done = waychair("guide", "--world", "apartment", "--goal", "kitchen", "--minutes", "0.1", "--out", tmp_path)
+    assert refused(done) == "waychair: kitchen was not reached: the time limit was reached"
+    assert "did not reach kitchen" in done.stdout
+    report = json.loads((tmp_path / "guided.json").read_text())
+    assert (report["goal"], report["reached"], report["contacts"], report["seconds"]) == ("kitchen", False, [], 6.0)
+    assert report["path"][0][0] < report["path"][-1][0] <= 9.0
+    assert {row.split(",")[1] for row in (tmp_path / "symbols.csv").read_text().splitlines()[1:]} == {"said", "felt"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--goal", "moon"), "moon"),
+        (("--goal", "kitchen", "--driver", "nobody"), "there is no simulated driver 'nobody'"),
+        (("--goal", "kitchen", "--body", "C"), "unknown body 'C'"),
+        (("--goal", "kitchen", "--layout", "sock"), "there is no layout 'sock'"),
+        (("--goal", "kitchen", "--rider", "stick", "--sound", "a.wav"), "leave --sound or --rider stick out"),
+    ],
+)
+def test_an_impossible_guided_drive_is_refused(arguments: tuple[str, ...], told: str) -> None:
+    assert told in refused(waychair("guide", "--world", "apartment", *arguments))
+
+
+@pytest.mark.parametrize("minutes", ["nan", "-1", "0", "soon"])
+def test_a_time_that_is_none_is_refused(minutes: str) -> None:
+    done = waychair("guide", "--world", "apartment", "--goal", "kitchen", "--minutes", minutes)
+    assert done.returncode == 2
+    assert f"'{minutes}' is no time in minutes above zero" in " ".join(done.stderr.split())
