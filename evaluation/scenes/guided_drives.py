@@ -16,6 +16,8 @@ import numpy as np
 from evaluation.scenes.hazards import ContactCause, contact_cause
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.learning import RiderValues, rider_from_values
+from waychair.control.haptics.symbols import Symbol
+from waychair.simulation.scene.contact import in_contact, solid_from_blocks
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.barn import upper_bound
 from waychair.trials.demo.demo import randomised_settings
@@ -30,13 +32,16 @@ NEAR_MISS = 0.10
 NEAR_SPEED = 0.15
 """m/s"""
 
+FREE_M = 0.1
+"""m; a driver who is told to drive ahead or back has so much room there, else it was wrong to say so."""
+
 
 @dataclass(frozen=True, slots=True)
 class GuidedRun:
     """One drive: whether the chair truly arrived, why it ended, times [s], ways [m], and the speeds [m/s] of contacts it caused.
 
-    `bumped`: people who walked into the chair. `near_misses`: moments in which a person was nearly hit. `remembered`: what was
-    learnt of the rider.
+    `bumped`: people who walked into the chair. `near_misses`: moments in which a person was nearly hit. `wrongly_free`: symbols that
+    sent the driver on where there was no room. `remembered`: what was learnt of the rider.
     """
 
     reached: bool
@@ -47,6 +52,7 @@ class GuidedRun:
     contact_speeds: tuple[float, ...]
     bumped: int = 0
     near_misses: int = 0
+    wrongly_free: int = 0
     symbols: int = 0
     plans: int = 0
     remembered: RiderValues = field(default_factory=dict)
@@ -123,6 +129,7 @@ def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: GuidedBars
         "touched_bound_95": round(upper_bound(touched, len(found)), 4),
         "bumped_by_people": sum(each.bumped for each in found),
         "near_misses": sum(each.near_misses for each in found),
+        "wrongly_free": sum(each.wrongly_free for each in found),
         "failures": {number: each.reason for number, each in enumerate(found) if not each.reached},
     }
     if bars is not None:
@@ -170,6 +177,7 @@ def judged_run(
         contact_speeds=speeds,
         bumped=bumped,
         near_misses=_near_misses(simulator, began_ns),
+        wrongly_free=wrongly_free(record, setup),
         symbols=len(record.told),
         plans=record.plans,
         remembered=record.remembered,
@@ -189,3 +197,15 @@ def _near_misses(simulator: RecordingSimulator, began_ns: int) -> int:
     motion = simulator.motion().since(began_ns)
     near = (motion.people < NEAR_MISS) & (np.abs(motion.twists[:, 0]) > NEAR_SPEED)
     return int(np.count_nonzero(near[1:] & ~near[:-1]) + near[:1].sum())
+
+
+def wrongly_free(record: GuidedRecord, setup: GuidedSetup) -> int:
+    """Return how many symbols told the driver to go ahead or back where the world has less than `FREE_M` of room."""
+    solid, wrong = solid_from_blocks(setup.world.blocks), 0
+    for told in record.told:
+        ways = {Symbol.FORWARD.value: FREE_M, Symbol.BACK.value: -FREE_M}
+        if told.symbol in ways:
+            row = min(int(np.searchsorted(record.times_s, told.stamp_ns * 1e-9)), len(record.truth) - 1)
+            pose = Pose2(*record.truth[row].tolist())
+            wrong += in_contact(solid, setup.body, pose @ Pose2(ways[told.symbol]))
+    return wrong

@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import chi2
 
 from evaluation.runs.kept_runs import over_seeds
 from evaluation.scenes.guided_drives import GuidedRun, guided_row, guided_runs
@@ -32,7 +33,7 @@ TYPES = ("default", "older", "second_task", "noisy_hand", "sure_85", "sure_70", 
 
 
 def blind_errands(out: Path) -> Json:
-    """Contacts caused and near misses in so many hours, with the bound of 95 % of their rate, and the errands that arrived."""
+    """Contacts caused, near misses and ways wrongly told to be free in so many hours, with their bounds, and the errands that arrived."""
     shifts = max(1, round(HOURS * 3600.0 / SHIFT_S))
     found = over_seeds("blind errands", run_shift, shifts)
     errands = [errand for shift in found for errand in shift]
@@ -45,9 +46,18 @@ def blind_errands(out: Path) -> Json:
         "errands": len(errands),
         "touched": row["touched"],
         "touched_bound_95": row["touched_bound_95"],
-        "near_misses": row["near_misses"],
+        **{f"{name}_an_hour": _rate(row[name], hours) for name in ("contacts", "near_misses", "wrongly_free")},
         "heard": heard,
         "rows": [row],
+    }
+
+
+def _rate(count: int, hours: float) -> Json:
+    """Return how often something happened in an hour, and the upper bound of 95 % of it (Garwood's, of a Poisson rate)."""
+    return {
+        "count": count,
+        "rate": round(count / hours, 3),
+        "bound_95": round(chi2.ppf(0.95, 2 * count + 2) / 2 / hours, 3),
     }
 
 

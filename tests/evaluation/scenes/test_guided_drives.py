@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import statistics
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from evaluation.figures.guiding.blind_clutter import CLEAR, SIDE, clutter
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, wrongly_free
+from evaluation.scenes.tight_places import door_scene, map_of
 from evaluation.scenes.true_riders import NUDGES, true_rider
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits
+from waychair.simulation.scene.contact import in_contact, solid_from_blocks
+from waychair.trials.guiding.guided import GuidedSetup, SaidSymbol, guided_drive
+from waychair.types import Place, Pose2
 
 THROUGH = GuidedRun(True, "arrived", 30.0, 10.5, 10.0, (), symbols=30)
 STUCK = GuidedRun(False, "the time limit was reached", 180.0, 4.0, 10.0, (), symbols=60)
@@ -42,6 +48,19 @@ def test_a_row_passes_only_within_all_of_its_bars_and_untouched(
     found: list[GuidedRun], bars: GuidedBars, passed: bool
 ) -> None:
     assert guided_row("door", "guide", found, bars)["passed"] is passed
+
+
+def test_a_symbol_that_sends_the_driver_into_a_wall_is_counted() -> None:
+    world = door_scene(0.9, 0.0, CHAIR_A, 107).world
+    setup = GuidedSetup(world, map_of(world), CHAIR_A)
+    record = guided_drive(setup, Place("on", world.start @ Pose2(0.5), 0.5, 0.3), 0.1)
+    solid, at_wall = solid_from_blocks(world.blocks), world.start @ Pose2(0.0, 0.7)  # the wall beside the door is ahead
+    while not in_contact(solid, CHAIR_A, at_wall @ Pose2(0.05)):
+        at_wall @= Pose2(0.02)
+    told = tuple(SaidSymbol(0, symbol, "") for symbol in ("forward", "back", "swivel_left"))
+    here = replace(record, told=told, times_s=np.zeros(1), truth=at_wall.array()[None])
+    assert wrongly_free(here, setup) == 1
+    assert wrongly_free(replace(here, truth=world.start.array()[None]), setup) == 0
 
 
 def test_a_cluttered_room_is_that_of_its_seed_and_the_chair_fits_at_both_ends() -> None:
