@@ -38,6 +38,9 @@ _SURELY_CONTRADICTED = 0.25  # the same for a better match
 _SLIP_WINDOW = Window(1.2, 0.6)  # m, rad; where the odometry may have slipped
 _BETTER = 1.1  # times the response of the match near the odometry's pose, from which a slip is likely
 _AT_GUESS, _HELD = Window(0.05, 0.05), 100.0  # a match that must not leave the guess, of so many times the information
+_USUAL_OF, _USUAL, _FREE = 5, 2.0, 0.05
+# Among trees, poles and cars the scans of a drive contradict each other anyway. So many times what the latest key scans show against those
+# before them, beyond a share that buildings show too, is no sign of a carry. Indoors they show 0.002 to 0.04, on Freiburg's campus up to 0.5.
 _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must be contradicted as little as this
 _SLIP_SHARE = 0.5  # of the contradiction at the odometry's pose is left where it slipped
 _AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
@@ -124,7 +127,17 @@ class CarryJudge:
         limit = _CONTRADICTED if found.response < _POOR_RESPONSE else _SURELY_CONTRADICTED
         if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > _SLIP and at[1].contradiction > limit:
             limit = _SLIP_CONTRADICTED
-        return least.contradiction > (_AGAIN * limit if again else limit)
+        factor = _AGAIN if again else 1.0
+        if least.contradiction <= factor * limit:
+            return False
+        return least.contradiction - self._usual(keys, recent) > factor * limit
+
+    def _usual(self, keys: KeyGraph, nodes: Sequence[int]) -> float:
+        """Return the contradiction that is usual here beyond that of buildings, by the latest of some key scans."""
+        views, seen = self.views(keys, nodes[-_BEFORE - _USUAL_OF :]), Agreement()
+        for k in range(max(len(views) - _USUAL_OF, 1), len(views)):
+            seen += agreement(views[max(0, k - _BEFORE) : k], [views[k]])
+        return max(0.0, _USUAL * seen.contradiction - _FREE) if seen.shared >= _LEAST_SHARED else 0.0
 
     def less_contradicted(
         self,
@@ -206,18 +219,20 @@ class CarryJudge:
         earlier = self.views(keys, tear.before[-_BEFORE:])
         tried = [self._laid(keys, earlier, since, pose @ base.inverse()) for pose in (found.pose, base)]
         best = min(tried, key=lambda each: each.contradiction)
+        usual = max(self._usual(keys, tear.before), self._usual(keys, since))
         gap = base.inverse() @ found.pose
         near = math.hypot(gap.x, gap.y) < _NEAR_ODOMETRY and abs(gap.theta) < _TURNED_ODOMETRY
-        by_odometry = best.contradiction if near else tried[1].contradiction
+        by_odometry = (best.contradiction if near else tried[1].contradiction) - usual
+        contradiction = best.contradiction - usual
         if best.shared < least_shared:
             return (Verdict.CARRIED if last else Verdict.OPEN), None
-        if last and best.contradiction > 0.5 * (_AGREED + _CARRIED):
+        if last and contradiction > 0.5 * (_AGREED + _CARRIED):
             if by_odometry > _ODOMETRY_AGREED:
                 return Verdict.CARRIED, None
             best = tried[1]
-        elif not last and best.contradiction > _CARRIED and by_odometry > _ODOMETRY_CARRIED:
+        elif not last and contradiction > _CARRIED and by_odometry > _ODOMETRY_CARRIED:
             return (Verdict.CARRIED if len(since) > JUDGED_AT[0] else Verdict.OPEN), None
-        elif not last and best.contradiction > _AGREED:
+        elif not last and contradiction > _AGREED:
             return Verdict.OPEN, None
         before_from_base = keys.pose(tear.edge.i).inverse()
         if best is tried[0] and found.response >= _LEAST_RESPONSE:
@@ -239,7 +254,8 @@ class CarryJudge:
     def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int], last: bool) -> Verdict:
         """Return whether the key scans since a slip contradict those before it."""
         seen = self._laid(keys, self.views(keys, slip.before[-_BEFORE:]), since, Pose2())
-        if seen.shared >= _LEAST_SHARED and seen.contradiction > _SLIP_CARRIED:
+        usual = max(self._usual(keys, slip.before), self._usual(keys, since))
+        if seen.shared >= _LEAST_SHARED and seen.contradiction - usual > _SLIP_CARRIED:
             return Verdict.CARRIED
         return Verdict.DROVE if last else Verdict.OPEN
 

@@ -43,6 +43,10 @@ class Agreement:
     contradicted: int = 0
     confirmed: int = 0
 
+    def __add__(self, other: Agreement) -> Agreement:
+        """Return the points of both."""
+        return Agreement(self.contradicted + other.contradicted, self.confirmed + other.confirmed)
+
     @property
     def shared(self) -> int:
         """Number of the surface points about which both views know something."""
