@@ -125,8 +125,11 @@ def visit(room: int) -> list[tuple[float, float]]:
     return [(x + 1.6, 1.0), *loop, (x + 1.6, 3.2), (x + 1.6, 1.0)]
 
 
-def mapped(walls: FloatArray, *drives: Sequence[Pose2]) -> tuple[MapperResult, FloatArray]:
-    """Map drives one after the other, between which the chair is carried; the odometry shows only what is driven."""
+def mapped(walls: FloatArray, *drives: Sequence[Pose2], leaves: float = 0.0) -> tuple[MapperResult, FloatArray]:
+    """Map drives one after the other, between which the chair is carried; the odometry shows only what is driven.
+
+    A share of the beams, `leaves`, passes through the walls, others in each scan.
+    """
     mapper, odometry, last = Mapper(MapperSettings(), Pose2()), Pose2(), None
     truth: list[FloatArray] = []
     for drive in drives:
@@ -135,7 +138,8 @@ def mapped(walls: FloatArray, *drives: Sequence[Pose2]) -> tuple[MapperResult, F
             step = Pose2() if last is None else last.inverse() @ pose
             odometry, last = odometry @ Pose2(1.01 * step.x, step.y, step.theta), pose
             stamp = 100_000_000 * len(truth)
-            scan = dataclasses.replace(cast(walls, pose), stamp_ns=stamp)
+            scan, rng = dataclasses.replace(cast(walls, pose), stamp_ns=stamp), np.random.default_rng(len(truth))
+            scan.ranges[rng.random(len(BEAMS)) < leaves] += np.float32(rng.uniform(0.5, 4.0))
             mapper.process(SensorFrame(stamp, scan, wheels=(Odometry(stamp, odometry),)))
             truth.append(pose.array())
     return mapper.result(), np.array(truth)
@@ -198,6 +202,19 @@ def test_scans_that_a_crowd_hides_for_a_moment_tear_nothing(drive: tuple[list[Se
     assert torn(result) == []
     assert torn_warnings(result) == []
     assert away_from(result, truth)[70:].max() < 0.1
+
+
+def test_hedges_that_some_beams_pass_tear_nothing() -> None:
+    walls = rooms(4, furnished=True)
+    result, truth = mapped(walls, way(*visit(0), *visit(1), *visit(2), *visit(3)), leaves=0.3)
+    assert torn(result) == []
+    assert away_from(result, truth).max() < 0.5
+
+
+def test_a_chair_carried_among_hedges_is_noticed() -> None:
+    walls = rooms(2, furnished=True)
+    result, _ = mapped(walls, way((0.8, 1.0), *visit(0), (5.0, 1.0)), way(*visit(1)[1:], (9.0, 1.0)), leaves=0.2)
+    assert len(torn(result)) == 1
 
 
 def test_one_faulty_scan_tears_nothing(drive: tuple[list[SensorFrame], FloatArray]) -> None:
