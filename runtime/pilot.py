@@ -133,9 +133,10 @@ class Pilot:
 
     @property
     def unscanned(self) -> Unscanned:
-        """Drop-offs, things that only sonars, depth camera and map show, and the outline of the map's own, in map."""
-        drops, things = self.navigator.beyond_scans
-        return Unscanned(drops, np.concatenate([things, self._tops]), self._mapped)
+        """Drop-offs, things that only sonars, depth camera and map show, and what stands where no sensor may look, in map: the outline
+        of the map's own, and what the lidar has seen a moment ago."""
+        drops, things, stood = self.navigator.beyond_scans
+        return Unscanned(drops, np.concatenate([things, self._tops]), np.concatenate([self._mapped, stood]))
 
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Take in a scan without the beams that hit the chair itself, and the pose at which it was taken."""

@@ -18,6 +18,7 @@ from waychair.planning.body.clearance import DROP_OFF
 from waychair.planning.body.personal_space import PERSON_POINTS
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.seen.obstacle_layer import (
+    CELL,
     DROP_CELL,
     DROP_FORGOTTEN_AFTER_S,
     EMPTY,
@@ -52,6 +53,10 @@ WALL_WITHIN_OTHERS, WALL_WITHIN_SHARE = 0.08, 0.03
 """m, share; the same for points of camera and sonars, whose obstacles no other sensor sees. Depth errors grow with the
 distance, so this share of it counts up to `WALL_WITHIN`."""
 
+STOOD_WITHIN_S = 20.0
+"""s; what stood beside the chair so short a time ago still stands there for the guard, until the lidar sees that it is gone: a rider
+who goes to and fro in a narrow place has it out of sight for so long."""
+
 BEAM_HALF_ANGLE = math.radians(0.25)
 """rad; half the angle between two beams of the lidar."""
 
@@ -82,7 +87,7 @@ class Surroundings:
         self._body, self._settings = body, settings
         self.redraw(drawn)
         self._scanned = self._personal_space = self._walkers = self._drop_off_zone = np.empty((0, 2))
-        self._lidar = self._sonar = self._drop_offs = self._missing = EMPTY
+        self._lidar = self._stood = self._sonar = self._drop_offs = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
         self.has_sonars = False
         """Whether the chair has sonars."""
@@ -103,6 +108,8 @@ class Surroundings:
         hits = np.arange(len(ends)) < len(points)
         sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, BEAM_HALF_ANGLE)
         self._lidar = self._without_walls(updated(self._lidar, sight), WALL_WITHIN)
+        standing = replace(sight, hits=hits & ~self._is_of_walkers(ends))
+        self._stood = self._without_walls(updated(self._stood, standing, CELL, STOOD_WITHIN_S), WALL_WITHIN)
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
         """Take in the sonars' readings from map_from_base; they detect glass, which the lidar does not see.
@@ -189,9 +196,14 @@ class Surroundings:
 
     def _without_walkers(self, points: FloatArray) -> FloatArray:
         """Return the points (N, 2) [m] that do not belong to a walking person."""
-        gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
-        others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > PERSON_POINTS]
+        others: FloatArray = points[~self._is_of_walkers(points)]
         return others
+
+    def _is_of_walkers(self, points: FloatArray) -> BoolArray:
+        """Return a mask (N,) of the points (N, 2) [m] that may belong to a walking person."""
+        gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
+        near: BoolArray = gaps.min(axis=1, initial=math.inf) <= PERSON_POINTS
+        return near
 
     def unscanned(self) -> FloatArray:
         """Return unmapped obstacles (N, 2) [m] in map that no scan shows, for the whole footprint.
@@ -203,6 +215,10 @@ class Surroundings:
     def things_unscanned(self) -> FloatArray:
         """Return unmapped things (N, 2) [m] in map that only sonars and depth camera show, for the whole footprint."""
         return np.concatenate([self._sonar.points, *self._in_full_layers()])
+
+    def stood(self) -> FloatArray:
+        """Return unmapped obstacles (N, 2) [m] in map that the lidar has seen to stand within `STOOD_WITHIN_S`."""
+        return self._stood.points
 
     def missing_floor(self) -> FloatArray:
         """Return drop-offs with their margin, and places of missing floor, (N, 2) [m] in map."""

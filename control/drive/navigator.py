@@ -186,14 +186,16 @@ class Navigator:
         return self._surroundings.look(frame, pose, level_from_base)
 
     @property
-    def beyond_scans(self) -> tuple[FloatArray, FloatArray]:
-        """Points (N, 2) [m] in map that no scan shows: drop-offs, and others.
+    def beyond_scans(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Points (N, 2) [m] in map that no scan shows: drop-offs, others, and unmapped things that stood where the lidar does not look
+        any more.
 
         The others are things that only sonars and depth camera show, and the reach of walking people.
         """
         odom_from_map = self._now.map_from_odom.inverse()
         people = transform_points(self._now.map_from_odom, self._people.in_reach(odom_from_map @ self._now.pose))
-        return self._surroundings.missing_floor(), np.concatenate([self._surroundings.things_unscanned(), people])
+        seen = self._surroundings
+        return seen.missing_floor(), np.concatenate([seen.things_unscanned(), people]), seen.stood()
 
     def step(
         self,

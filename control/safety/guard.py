@@ -63,7 +63,8 @@ def _nothing() -> FloatArray:
 class Unscanned:
     """Points (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`.
 
-    `mapped` is the outline of all that the map shows: it counts where no sensor looks now, as behind the chair.
+    `mapped` is the outline of all that the map shows, and of what has just been seen to stand: it counts where no sensor looks now, as
+    behind the chair.
     """
 
     drops: FloatArray = field(default_factory=_nothing)

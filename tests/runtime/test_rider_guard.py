@@ -197,6 +197,22 @@ def test_a_wall_of_the_map_behind_the_chair_stops_it_and_only_the_map_tells_of_i
         assert state.telemetry.guard.capped
 
 
+def test_a_box_that_was_passed_stops_a_turn_into_it_where_the_lidar_does_not_look_any_more() -> None:
+    box = Block(Pose2(3.2, 2.5 + CHAIR_A.width / 2 + 0.2), 0.3, 0.3, 0.0, 1.0)  # 5 cm beside the chair's way
+    with Ride(blocks=(box,)) as ride:
+        _guarded(ride)
+        ride.simulator.rider = JoystickInput(0, 0.4, 0.0)
+        while ride.simulator.truth().x < box.middle.x + 0.1:
+            ride.tick()
+        ride.simulator.rider = REST
+        ride.tick(20)
+        assert ride.simulator.contacts == 0
+        ride.simulator.rider = JoystickInput(0, 0.0, -0.8)  # the rear would swing into the box
+        ride.tick(60)
+        assert ride.simulator.contacts == 0
+        assert 0.0 < ride.simulator.clearance() < 0.08
+
+
 def _caps_under(ride: Ride, hold: StickHold) -> tuple[float, float, float, float]:
     """Return the board's caps after three ticks in which the guidance holds the stick."""
     for _ in range(3):

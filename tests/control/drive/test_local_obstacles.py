@@ -103,6 +103,21 @@ def test_obstacles_out_of_sight_are_remembered_and_then_forgotten() -> None:
     assert at(seen.window(HERE), 6.0, 3.0) > 0.5
 
 
+def test_what_has_stood_is_known_to_the_guard_for_a_while_out_of_sight_and_people_who_walk_are_not() -> None:
+    seen = around()
+    seen.set_personal_space(np.empty((0, 2)), np.array([[5.5, 3.0]]))
+    seen.see(0, HERE, np.concatenate([someone(5.5), someone(6.5) + (0.0, 1.0)]))
+    for seconds in (8, 19):
+        seen.see(seconds * SECOND, HERE, np.empty((0, 2)))
+        assert seen.stood()[:, 0].tolist() == pytest.approx([6.5] * len(seen.stood()))
+        assert len(seen.stood()) > 3
+    seen.see(21 * SECOND, HERE, np.empty((0, 2)))
+    assert len(seen.stood()) == 0
+    seen.see(22 * SECOND, HERE, someone(6.5))
+    seen.see(23 * SECOND, HERE, wall_behind())
+    assert len(seen.stood()) == 0, "the lidar looks through the place"
+
+
 def test_glass_heard_by_a_sonar_is_not_cleared_by_the_lidar_that_looks_through_it() -> None:
     seen = around()
     seen.hear(echoes(0, 1.0), HERE)
