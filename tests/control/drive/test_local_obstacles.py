@@ -106,7 +106,7 @@ def test_obstacles_out_of_sight_are_remembered_and_then_forgotten() -> None:
 def test_what_has_stood_is_known_to_the_guard_for_a_while_out_of_sight_and_people_who_walk_are_not() -> None:
     seen = around()
     seen.set_personal_space(np.empty((0, 2)), np.array([[5.5, 3.0]]))
-    seen.see(0, HERE, np.concatenate([someone(5.5), someone(6.5) + (0.0, 1.0)]))
+    seen.see(0, HERE, np.concatenate([someone(5.5), someone(6.5) + np.array([0.0, 1.0])]))
     for seconds in (8, 19):
         seen.see(seconds * SECOND, HERE, np.empty((0, 2)))
         assert seen.stood()[:, 0].tolist() == pytest.approx([6.5] * len(seen.stood()))
