@@ -31,13 +31,18 @@ def over_seeds(name: str, run: Callable[[int], Result], count: int) -> list[Resu
 
     `name` identifies these runs; stored results under it are not run again.
     """
-    return list(_processes().map(partial(_known_or_run, kept_folder(name), run), range(count)))
+    return list(_lasting_pool().map(partial(_known_or_run, kept_folder(name), run), range(count)))
 
 
 def kept_folder(name: str) -> Path | None:
     """Return the folder for the results of runs of this code; None if the code cannot be identified."""
     kept = _kept()
     return None if kept is None else kept / re.sub(r"[^\w.]+", "_", name)
+
+
+def figure_pool() -> ProcessPoolExecutor:
+    """Return fresh processes for the runs of a figure."""
+    return new_pool(processes())
 
 
 def processes() -> int:
@@ -96,6 +101,6 @@ def _git(*words: str) -> str:
 
 
 @cache
-def _processes() -> ProcessPoolExecutor:
-    """Return the processes of all figures."""
-    return new_pool(processes())
+def _lasting_pool() -> ProcessPoolExecutor:
+    """Return the processes of all runs that are kept."""
+    return figure_pool()

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from evaluation.runs.kept_runs import processes
+from evaluation.runs.kept_runs import figure_pool
 from evaluation.scenes.chair_score import ChairScore, InverseError, acceptance_chairs, score_chair
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 BARS = {12: (10.0, 15.0), 8: (25.0, 30.0)}
@@ -22,7 +21,7 @@ def inverse(out: Path) -> Json:
     """Greatest error of the fitted inverse per chair, and of the linear model on the same commands."""
     chairs = acceptance_chairs()
     tasks = [(bits, name, seed) for bits in BARS for seed, name in enumerate(chairs)]
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         scores = list(pool.map(_score, tasks))
     rows = [_row(bits, score) for (bits, _, _), score in zip(tasks, scores, strict=True)]
     inside = {bits: [row for row in rows if row["bits"] == bits and row["inside"]] for bits in BARS}

@@ -14,11 +14,10 @@ from pathlib import Path
 
 import msgspec
 
-from evaluation.runs.kept_runs import commit, processes
+from evaluation.runs.kept_runs import commit, figure_pool
 from evaluation.scenes.working_shift import BUILDINGS, Shift, run_shift
 from waychair.files import write_json
 from waychair.trials.barn import upper_bound
-from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 HOURS = float(os.environ.get("NIGHT_HOURS", "4"))
@@ -38,7 +37,7 @@ def nights(out: Path, hours: float = HOURS, folder: Path = NIGHTS, shift_s: floa
     """All shifts so far: no contact caused by the chair, and 95 % of the drives reached their place."""
     missing = (number for number in count() if not (folder / f"{number}.json").exists())
     due = list(islice(missing, max(1, round(hours * 3600.0 / shift_s))))
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         for written in pool.map(partial(_add, folder, shift_s), due):
             print(f"  {written}", flush=True)
     return _summary([msgspec.json.decode(path.read_bytes(), type=_Written) for path in sorted(folder.glob("*.json"))])

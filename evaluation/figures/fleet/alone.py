@@ -9,9 +9,8 @@ import math
 import os
 from pathlib import Path
 
-from evaluation.runs.kept_runs import processes
+from evaluation.runs.kept_runs import figure_pool
 from waychair.trials.fleet.fleet_alone import AloneRun, drive_alone
-from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 RUNS = 100
@@ -24,7 +23,7 @@ def fleet_alone(out: Path) -> Json:
     first = int(os.environ.get("FLEET_ALONE_FIRST", "0"))
     seeds = range(first, first + int(os.environ.get("FLEET_ALONE_RUNS", RUNS)))
     runs: dict[int, AloneRun] = {}
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         for seed, run in zip(seeds, pool.map(drive_alone, seeds), strict=True):
             runs[seed] = run
             print(seed, _row(run), flush=True)

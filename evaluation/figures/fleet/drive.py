@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.runs.kept_runs import processes
+from evaluation.runs.kept_runs import figure_pool
 from waychair.maps.traffic.corridors import load_corridors
 from waychair.trials.fleet.fleet_drive import FleetRun, drive_fleet
 from waychair.trials.fleet.fleet_lift import share_lift
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
-from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 SEEDS = 15
@@ -43,7 +42,7 @@ def fleet_drive(out: Path) -> Json:
     seeds = range(int(os.environ.get("FLEET_DRIVE_SEEDS", SEEDS)))
     names = os.environ.get("FLEET_DRIVE_SCENES", ",".join((*SCENARIOS, LIFT_SCENE))).split(",")
     rows: dict[str, Json] = {}
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         running = {name: [pool.submit(_run, name, seed) for seed in seeds] for name in names}
         for name, own in running.items():
             rows[name] = _row([each.result() for each in own])

@@ -16,13 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from evaluation.fleet.narrow_plans import OneTask, cell_traffic, one_task
-from evaluation.runs.kept_runs import processes
+from evaluation.runs.kept_runs import figure_pool
 from waychair.planning.fleet.waits import Audit, jain
 from waychair.planning.fleet.warden import ROUNDS
 from waychair.planning.fleet.ways import ways_of
 from waychair.trials.fleet.fleet_ordered import SPEED, Stops, chairs_on
 from waychair.trials.fleet.fleet_report import delay_per_way
-from waychair.trials.worker_pool import new_pool
 from waychair.types import Json
 
 PLANS = ("Rectangle", "I", "T", "2bconR", "3tie", "4cross", "9cube", "2d-grid")
@@ -64,7 +63,7 @@ def fleet_narrow(out: Path) -> Json:
         for seed in range(seeds)
     ]
     count = int(os.environ.get("FLEET_TASKS", "100"))
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         gaps = {
             f"one task, {chairs} chairs": _one_task(
                 list(pool.map(_tasks, PLANS, [chairs] * len(PLANS), [count] * len(PLANS)))
@@ -100,7 +99,7 @@ def fleet_delays(out: Path) -> Json:
     """Stops as people cause them: no lock-up, nobody overtaken thrice, 20 / 40 s on T, fair, and waits foreseen."""
     hours, seeds = _sample("16")
     work = [(plan, False, chairs, seed, hours, True) for chairs in (3, 5) for plan in PLANS for seed in range(seeds)]
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         runs = dict(zip(work, pool.map(_run, *zip(*work, strict=True)), strict=True))
     found: dict[str, Json] = {}
     passed = True

@@ -11,8 +11,7 @@ import statistics
 from pathlib import Path
 
 from evaluation.fleet.network_runs import MUTANTS, killed_by, network_run, situations_run, storm_run, warden_killed
-from evaluation.runs.kept_runs import processes
-from waychair.trials.worker_pool import new_pool
+from evaluation.runs.kept_runs import figure_pool
 from waychair.types import Json
 
 STORMS_EVERY = 5
@@ -31,7 +30,7 @@ def fleet_network(out: Path) -> Json:
         int(os.environ.get(f"FLEET_NETWORK_{name}", value)) for name, value in (("FIRST", 0), ("SEEDS", 500))
     )
     tries = int(os.environ.get("FLEET_NETWORK_MUTANT_SEEDS", "20"))
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         runs = list(pool.map(network_run, range(first, first + count)))
         runs += pool.map(storm_run, range(first, first + count // STORMS_EVERY))
         situations = list(pool.map(situations_run, range(first, first + count // SITUATIONS_EVERY)))

@@ -13,13 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from evaluation.fleet.paper_tables import FLEXIBLE, HUMANS_FIRST, PERSONS
-from evaluation.runs.kept_runs import processes
+from evaluation.runs.kept_runs import figure_pool
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts
 from waychair.simulation.graph_traffic.crowd import RightOfWay
 from waychair.trials.fleet.fleet_coordinated import coordinated_hours
 from waychair.trials.fleet.fleet_graph import fleet_hours, mean
-from waychair.trials.worker_pool import new_pool
 from waychair.types import FloatArray, Json
 
 SEEDS = 12
@@ -55,7 +54,7 @@ def fleet_tables(out: Path) -> Json:
     seeds = int(os.environ.get("FLEET_TABLES_SEEDS", SEEDS))
     work = [(plan, rule, persons, seeds, False) for rule in RightOfWay for plan in HUMANS_FIRST for persons in PERSONS]
     ours = [(*each[:4], True) for each in work if each[1] is not RightOfWay.CHAIRS]
-    with new_pool(processes()) as pool:
+    with figure_pool() as pool:
         found = list(pool.map(_cell, *zip(*(work + ours), strict=True)))
     cells, coordinated = found[: len(work)], found[len(work) :]
     delay = {(cell.plan, cell.rule, cell.persons): cell.mean_delay_s for cell in cells}

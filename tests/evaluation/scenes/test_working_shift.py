@@ -76,7 +76,7 @@ def test_nights_are_summed_over_calls_and_each_shift_is_driven_once(
             pass
 
     monkeypatch.setattr(module, "_add", add)
-    monkeypatch.setattr(module, "new_pool", Here)
+    monkeypatch.setattr(module, "figure_pool", Here)
     before = nights(tmp_path / "nights.json", 1.0, tmp_path, 3600.0)
     assert driven == [3]
     assert (before["shifts"], before["contacts_by_the_chair"], before["walked_into_the_chair"]) == (4, 1, 4)
