@@ -43,7 +43,7 @@ NOT_SEEN = "the lidar shows nothing: stop, and wait until it does"
 OVERRIDE_WARNING = "held on, the push makes the chair creep against the guard"
 """Reason of the warning before the board lets a long push through."""
 
-CREEPS = "The chair creeps against the guard, for ten seconds at most, while you hold the joystick."
+OVERRIDE_BEGINS = "The chair creeps against the guard, for ten seconds at most, while you hold the joystick."
 """The sentence with which an override by a long push begins."""
 
 BEGUN_ANEW = "the odometry has begun anew: choose the door again"
@@ -290,7 +290,7 @@ class HapticGuide:
             return now.level_told
         crept, self._creeps = self._creeps, now.guard is not None and now.guard.overridden
         if self._creeps and not crept:
-            return CREEPS
+            return OVERRIDE_BEGINS
         if self.state.goal and self.leader.goal is None and not self.leader.arrived:
             return f"You are no longer led: {self.leader.reason}."
         waited, self._waits = self._waits, bool(self.leader.waits)

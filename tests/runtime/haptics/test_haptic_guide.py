@@ -16,7 +16,7 @@ from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
-from waychair.runtime.haptics.haptic_guide import AS_PAPER, CREEPS, LOST
+from waychair.runtime.haptics.haptic_guide import AS_PAPER, OVERRIDE_BEGINS, LOST
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
 from waychair.types import GuardReport, HelpLevel, Place, Pose2, Twist
 
@@ -175,7 +175,7 @@ def test_an_override_by_a_long_push_is_warned_on_the_skin_and_said_when_it_begin
         assert rider.felt(began) == set(range(9))
         assert rider.said() == ["warning"], "once for one push"
         rider.guard = replace(FREE, overridden=True)
-        assert rider.run(200).text == CREEPS
+        assert rider.run(200).text == OVERRIDE_BEGINS
         rider.guard = FREE
         assert rider.run(200).count == 2
 

@@ -19,7 +19,7 @@ from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import ConfigError
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.chair import Chair, ChairState
-from waychair.runtime.haptics.haptic_guide import CREEPS, OVERRIDE_WARNING
+from waychair.runtime.haptics.haptic_guide import OVERRIDE_BEGINS, OVERRIDE_WARNING
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.perception import Perception
 from waychair.simulation.plan.world import World
@@ -152,7 +152,7 @@ def test_a_rider_who_cannot_see_feels_a_warning_before_a_long_push_overrides_the
                 first_s.setdefault("override", 0.05 * tick)
             for felt in driver.felt:
                 first_s.setdefault(felt.symbol, 0.05 * tick)
-    assert told[-2:] == [f"stop the chair: {OVERRIDE_WARNING}", CREEPS]
+    assert told[-2:] == [f"stop the chair: {OVERRIDE_WARNING}", OVERRIDE_BEGINS]
     assert 1.9 < first_s["warning"] < first_s["override"], first_s
 
 
