@@ -50,9 +50,8 @@ class HapticState:
     reason, or why leading has ended. `symbol`, `text`, `count`: the symbol said last, in words, and how many things have been
     told. `play`: its bursts on the skin, each (motors by their places, ms on, ms off). `unfelt`: why the last symbol was not
     felt. `speaks`: the chair itself speaks or plays a tone, or is about to. `withheld`: why nobody tells the steps now; the
-    chair drives as without them. `offers`: the guide has fallen
-    silent because the rider does not follow, and offers to repeat. `hold`: how the stick is best held meanwhile. `glove`:
-    None without a glove. `notices`: all that is amiss.
+    chair drives as without them. `offers`: the guide has fallen silent because the rider does not follow, and offers to
+    repeat. `hold`: how the stick is best held meanwhile. `glove`: None without a glove. `notices`: all that is amiss.
     """
 
     stamp_ns: int

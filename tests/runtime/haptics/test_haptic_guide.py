@@ -16,7 +16,7 @@ from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
-from waychair.runtime.haptics.haptic_guide import AS_PAPER, OVERRIDE_BEGINS, LOST
+from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST, OVERRIDE_BEGINS
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
 from waychair.types import GuardReport, HelpLevel, Place, Pose2, Twist
 
