@@ -31,6 +31,8 @@ def record_routes(
     from starlette.routing import Route
 
     async def look(_: Request) -> Response:
+        if record is not None:
+            await run_in_threadpool(record.look_again)
         return JSONResponse(None if record is None else view(), headers=_NO_STORE)
 
     if record is None:
@@ -42,6 +44,7 @@ def record_routes(
     }
 
     async def table(_: Request) -> Response:
+        await run_in_threadpool(record.look_again)
         headers = {**_NO_STORE, "content-disposition": f'attachment; filename="{name}.csv"'}
         return PlainTextResponse(record.csv(), headers=headers, media_type="text/csv")
 

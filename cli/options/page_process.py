@@ -112,12 +112,14 @@ def port_of_page(wanted: int | None) -> int:
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:
     """Return the page's server, with the token of the environment."""
+    from waychair.runtime.haptics.session_log import SessionLog, default_session_log
     from waychair.ui.own_addresses import own_names
     from waychair.ui.server import page_server
 
     names = (*own_names(), *settings.names.replace(",", " ").split())
     token = os.environ.get(TOKEN, "")
-    return page_server(port, host=settings.host, http_port=settings.port, token=token, names=names)
+    record = SessionLog(default_session_log())
+    return page_server(port, host=settings.host, http_port=settings.port, token=token, names=names, session_log=record)
 
 
 def main() -> int:

@@ -40,6 +40,7 @@ from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.nodes.parts.led_rider import LedRider
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.learnt_file import default_learnt, load_learner, save_learner
+from waychair.runtime.haptics.session_log import SessionCounter, SessionLog, default_session_log
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
 from waychair.topics import COMMAND
@@ -82,7 +83,10 @@ class GloveNode(ChairNode[GloveNodeSettings]):
         self.at_end(lambda: save_learner(learnt, learner))
         bridge = GloveBridge(cable, profile.device_id, layout_named(profile.layout), profile.fitting())
         calibration = known_chair(s.calibration, s.chair)
-        self._rider = LedRider(self, calibration, Teller(profile, bridge, sounds), learner, s.scan_frame)
+        session = SessionCounter(
+            SessionLog(default_session_log())
+        )  # it records nothing before the rider's yes on the page
+        self._rider = LedRider(self, calibration, Teller(profile, bridge, sounds), learner, s.scan_frame, session)
         self._wanted: list[Advice] = []
         self._state, self._ticks = HapticState(0), 0
         self._send_state = self.publisher(topics.HAPTIC_STATE)

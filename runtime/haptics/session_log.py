@@ -152,4 +152,5 @@ class SessionCounter:
     def _record(self, *, arrived: bool, ended: str) -> None:
         now = self.touches()
         touches = None if now is None or self._touched is None else now - self._touched
+        self.log.look_again()  # the rider's yes may have come by another program, such as the page's node
         self.log.note_drive(self._counted, self._goal, arrived=arrived, ended=ended, touches=touches)

@@ -1,13 +1,14 @@
 """Rows about a rider, kept on the chair only, and only after the rider's yes: files of habits and of guided drives.
 
 One file, readable by its owner alone: lines of JSON, each written through to the disk before the next, so that a computer that
-dies leaves whole lines and at most one broken end. There is no file before the yes, and none after `erase`. Nothing of it goes
-to a black box, a topic or a log. It is data about health: the chair's operator answers for it (GDPR, article 9).
+dies leaves whole lines and at most one broken end. Programs of one chair may share it (`look_again`). There is no file before the yes,
+and none after `erase`. Nothing of it goes to a black box, a topic or a log. It is data about health: the chair's operator answers for it (GDPR, article 9).
 """
 
 from __future__ import annotations
 
 import csv
+import fcntl
 import io
 import json
 import os
@@ -53,12 +54,19 @@ class ConsentedRows(Generic[Row]):
         self.trouble = ""
         self.wanted = False
         """Whether the rider has said yes."""
+        self._said_no = False  # in this run, also where it could not be written
         self._rows: tuple[Row, ...] = ()
-        try:
-            self._rows, self.wanted = self._read()
-            self._forget_old()
-        except (self.FAILURE, OutputError) as error:
-            self.trouble, self.wanted = str(error), False
+        self.look_again()
+
+    def look_again(self) -> None:
+        """Read the file anew, to which another program of this chair may have written: the rider's yes, or a row."""
+        with self._lock:
+            try:
+                self._rows, said_yes = self._read()
+                self._forget_old(said_yes)
+            except (self.FAILURE, OutputError) as error:
+                self.trouble, said_yes = str(error), False
+            self.wanted = said_yes and not self._said_no
 
     def rows(self) -> tuple[Row, ...]:
         """Return everything that is recorded, in its order."""
@@ -77,7 +85,7 @@ class ConsentedRows(Generic[Row]):
                 self.trouble = ""
             if not self.wanted:
                 self._append({"kind": "yes"})
-                self.wanted = True
+                self.wanted, self._said_no = True, False
 
     def say_no(self) -> None:
         """Record nothing more; what is recorded stays until `erase`.
@@ -87,7 +95,7 @@ class ConsentedRows(Generic[Row]):
         """
         with self._lock:
             if self.wanted:
-                self.wanted = False
+                self.wanted, self._said_no = False, True
                 self._append({"kind": "no"})
 
     def erase(self) -> None:
@@ -97,7 +105,7 @@ class ConsentedRows(Generic[Row]):
             OutputError: a file cannot be removed.
         """
         with self._lock:
-            self.wanted, self._rows, self.trouble = False, (), ""
+            self.wanted, self._said_no, self._rows, self.trouble = False, False, (), ""
             left = [self._path, *self._path.parent.glob(f".{self._path.stem}.*")] if self._path.parent.is_dir() else []
             for path in left:
                 if path.exists():
@@ -134,12 +142,14 @@ class ConsentedRows(Generic[Row]):
                 self.trouble = f"{error}; the {self.NAME} of this drive are not kept"
 
     def _append(self, values: Mapping[str, object]) -> None:
-        """Add a line and wait for the disk; a line that does not fit is taken back."""
+        """Add a line and wait for the disk; a line that does not fit is taken back. Only a yes begins a file."""
         line = (json.dumps(values, allow_nan=False) + "\n").encode()
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             is_new = not self._path.exists()
-            with os.fdopen(os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600), "r+b", buffering=0) as file:
+            begins = os.O_CREAT if values["kind"] == "yes" else 0  # another program may have erased it
+            with os.fdopen(os.open(self._path, os.O_RDWR | begins, 0o600), "r+b", buffering=0) as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
                 size = _whole(file.read())
                 if size + len(line) > MOST_BYTES:
                     raise OutputError(f"{self._path} is full: export it, then erase it")
@@ -160,13 +170,13 @@ class ConsentedRows(Generic[Row]):
                 self._path.unlink()
             raise OutputError(f"cannot write {self._path}: {os_error_text(error)}") from error
 
-    def _forget_old(self) -> None:
-        """Forget rows older than `KEPT_DAYS`: the file is written anew without them."""
+    def _forget_old(self, said_yes: bool) -> None:
+        """Forget rows older than `KEPT_DAYS`: the file is written anew without them, with the rider's last word."""
         since = f"{self._now() - timedelta(days=KEPT_DAYS):%Y-%m-%d}"
         kept = tuple(row for row in self._rows if str(getattr(row, "day", "")) >= since)
         if len(kept) == len(self._rows):
             return
-        lines: list[Mapping[str, object]] = [self._header, {"kind": "yes" if self.wanted else "no"}]
+        lines: list[Mapping[str, object]] = [self._header, {"kind": "yes" if said_yes else "no"}]
         lines += [self._values(row) for row in kept]
         with replacing(self._path, mode=0o600) as path:
             path.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines), encoding="utf-8")

@@ -36,6 +36,7 @@ from waychair.ros.nodes.parts.bridge_state import LastMessage
 from waychair.ros.nodes.parts.map_layout import MapLayout
 from waychair.runtime.haptics.haptic_guide import NO_ODOMETRY, HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
+from waychair.runtime.haptics.session_log import SessionCounter
 from waychair.runtime.haptics.teller import Teller
 from waychair.runtime.pages.haptic_port import NOT_LED
 from waychair.runtime.pages.perception_view import PerceptionView, shown_doorways, surroundings
@@ -84,10 +85,13 @@ class LedRider:
         teller: Teller,
         learner: RiderLearner,
         scan_frame: str,
+        session: SessionCounter,
     ) -> None:
         worker = ThreadPoolExecutor(1, "steps")
         node.at_end(worker.shutdown)
-        self.guide = HapticGuide(calibration.body, teller, learner, _NOWHERE, worker=worker, around=self._around)
+        self.guide = HapticGuide(
+            calibration.body, teller, learner, _NOWHERE, worker=worker, around=self._around, session=session
+        )
         self._node, self._calibration = node, calibration
         self._layout, self._track, self._heard = MapLayout({}, ()), OdometryTrack(), _Heard()
         self._goal: _Goal | None = None  # waits for the level at which the rider is led

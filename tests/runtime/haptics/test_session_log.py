@@ -14,10 +14,10 @@ import pytest
 
 from waychair.control.haptics.learning import KEPT, RiderLearner
 from waychair.control.haptics.rider import RiderModel
-from waychair.errors import LearntError
+from waychair.errors import LearntError, OutputError
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState
 from waychair.runtime.haptics.learnt_file import forget_learnt, load_learner, save_learner
-from waychair.runtime.haptics.session_log import GuidedDriveRow, SessionCounter, SessionLog
+from waychair.runtime.haptics.session_log import Counted, GuidedDriveRow, SessionCounter, SessionLog
 from waychair.types import GuardReport, HelpLevel, Twist
 
 TICK_NS = 50_000_000
@@ -66,6 +66,46 @@ def test_nothing_is_kept_before_a_yes_and_a_drive_is_one_row_after_it(tmp_path: 
     log.erase()
     assert not path.exists()
     assert not log.wanted
+
+
+def test_the_nodes_of_page_and_glove_share_the_record(tmp_path: Path) -> None:
+    path = tmp_path / "drives.jsonl"
+    page, glove = SessionLog(path), SessionLog(path)
+    counter = SessionCounter(glove)
+    _drive(counter)
+    assert not path.exists()
+    page.say_yes()
+    _drive(counter)
+    page.look_again()
+    assert [row.goal for row in page.rows()] == ["desk"]
+    page.say_no()
+    _drive(counter)
+    page.look_again()
+    assert (len(page.rows()), page.wanted) == (1, False)
+    page.say_yes()
+    glove.look_again()
+    page.erase()
+    glove.note_drive(Counted(level="guide"), "desk", arrived=True, ended="arrived", touches=None)
+    assert not path.exists(), "no row begins a record anew that the rider has erased"
+    _drive(counter)
+    assert (path.exists(), glove.wanted, glove.rows()) == (False, False, ())
+
+
+def test_a_no_that_cannot_be_written_holds_for_this_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = SessionLog(tmp_path / "drives.jsonl")
+    log.say_yes()
+    with monkeypatch.context() as full:
+        full.setattr("os.fsync", _no_space)
+        with pytest.raises(OutputError, match="No space"):
+            log.say_no()
+    _drive(SessionCounter(log))
+    assert (log.wanted, log.rows()) == (False, ())
+    log.say_yes()
+    assert log.wanted
+
+
+def _no_space(_: int) -> None:
+    raise OSError(28, "No space left on device")
 
 
 def test_a_chair_that_counts_no_touches_says_so_by_an_empty_field(tmp_path: Path) -> None:
