@@ -229,7 +229,11 @@ def contact_times(
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
     straight = np.abs(y) < body.width / 2
     nearest = np.where(straight & (x > body.front), 0, np.where(straight & (x < -body.rear), 1, nearest))
-    shrink = np.maximum(np.take_along_axis(gaps, nearest[None], axis=0)[0] + _CLOSER, 0.0)
+    closer = np.full(len(x), _CLOSER)
+    if least_beside > 0.0:
+        left = np.abs(y) - body.width / 2
+        closer = np.where(nearest == 2, np.clip(0.5 * left, _LEAST_CLOSER, _CLOSER), closer)
+    shrink = np.maximum(np.take_along_axis(gaps, nearest[None], axis=0)[0] + closer, 0.0)
     sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
     times = entry_times(x, y, command, *sides)
     times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
@@ -240,6 +244,9 @@ def contact_times(
 
 _CLOSER = 0.01
 """m; a point within the zone counts when it comes nearer by more than a lidar's noise and one step of the chair."""
+
+_LEAST_CLOSER = 0.002
+"""m; beside a hand-driven chair a nearer point counts when it comes nearer by half of the gap that is left, or by so much at least."""
 
 _SOON = 1.0
 """s; it counts when it does so within this time, so that the chair cannot creep up to it in small steps."""
