@@ -226,5 +226,11 @@ def test_a_hand_does_not_pass_a_jamb_within_the_noise_of_the_scan_and_passes_a_w
         assert _push_at(beside, Twist(0.3, 0.0)) == 1.0  # a chair that stands in the door gets out of it
 
 
+def test_a_chair_that_veers_towards_a_thing_close_beside_it_is_stopped_and_one_that_veers_away_is_not() -> None:
+    for gap, omega, passes in ((0.006, -0.05, False), (0.006, -0.005, True), (0.006, 0.05, True), (0.009, -0.01, True)):
+        beside = np.array([[0.3, -CHAIR_A.width / 2 - gap]] * 3)
+        assert (_push_at(beside, Twist(0.45, omega)) > 0.0) is passes, (gap, omega)
+
+
 def _push_at(points: FloatArray, push: Twist) -> float:
     return stoppable_along(points, np.zeros(len(points), np.bool_), push, CHAIR_A, MONITOR)
