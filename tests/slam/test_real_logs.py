@@ -45,14 +45,16 @@ def test_intel_lab_is_mapped_better_than_its_peers(data_dir: Path, tmp_path: Pat
     assert errors["trans_max_m"] < 0.2
 
 
-@pytest.mark.parametrize(("log", "frames"), [("infinite-corridor", slice(1590, 1680)), ("aces", slice(0, 195))])
-def test_a_doubted_drive_along_which_the_odometry_agrees_is_not_torn(data_dir: Path, log: str, frames: slice) -> None:
-    """The scans contradict each other there in a sixth to a fifth of their surfaces, where the parts lie as driven."""
+@pytest.mark.parametrize(
+    ("log", "frames"),
+    [("infinite-corridor", slice(1590, 1680)), ("aces", slice(0, 195)), ("freiburg-campus", slice(840, 960))],
+)
+def test_a_drive_whose_scans_contradict_each_other_is_not_torn(data_dir: Path, log: str, frames: slice) -> None:
+    """The scans contradict each other there in a sixth to a half of their surfaces, where the parts lie as driven."""
     recording = read_recording(data_dir / "lidar_radish_corrected" / f"{log}-corrected.log.gz")
     mapper = Mapper(MapperSettings(), recording.base_from_laser)
     for frame in recording.frames[frames]:
         mapper.process(frame)
-    assert mapper.counts["tears_undone"] == 1
     assert not mapper.keys.is_torn
 
 
