@@ -87,14 +87,14 @@ class Surroundings:
         self._body, self._settings = body, settings
         self.redraw(drawn)
         self._scanned = self._personal_space = self._walkers = self._drop_off_zone = np.empty((0, 2))
-        self._lidar = self._stood = self._sonar = self._drop_offs = self._missing = EMPTY
+        self._lidar = self._sonar = self._drop_offs = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
         self.has_sonars = False
         """Whether the chair has sonars."""
 
     def redraw(self, drawn: DrawnMap) -> None:
-        """Take the walls from another drawing of the map; the sensors' obstacles stay."""
-        self._drawn, self._walls = drawn, occupied(drawn.grid)
+        """Take the walls from another drawing of the map, or another map; what stood out of sight is forgotten, other obstacles stay."""
+        self._drawn, self._walls, self._stood = drawn, occupied(drawn.grid), EMPTY
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
         """Take in a scan from map_from_base: its beams' end points (N, 2) [m] in map replace the scan before.

@@ -116,6 +116,9 @@ def test_what_has_stood_is_known_to_the_guard_for_a_while_out_of_sight_and_peopl
     seen.see(22 * SECOND, HERE, someone(6.5))
     seen.see(23 * SECOND, HERE, wall_behind())
     assert len(seen.stood()) == 0, "the lidar looks through the place"
+    seen.see(24 * SECOND, HERE, someone(6.5))
+    seen.redraw(DrawnMap(hall(), CHAIR_A))
+    assert len(seen.stood()) == 0, "another storey's map has other places"
 
 
 def test_glass_heard_by_a_sonar_is_not_cleared_by_the_lidar_that_looks_through_it() -> None:
