@@ -133,8 +133,10 @@ class Pilot:
 
     @property
     def unscanned(self) -> Unscanned:
-        """Drop-offs, things that only sonars, depth camera and map show, and what stands where no sensor may look, in map: the outline
-        of the map's own, and what the lidar has seen a moment ago."""
+        """Points in map for the guard: drop-offs, things that no lidar shows, and things that stand where no sensor looks.
+
+        The last are the outline of the map, and what the lidar saw a moment ago.
+        """
         drops, things, stood = self.navigator.beyond_scans
         return Unscanned(drops, np.concatenate([things, self._tops]), np.concatenate([self._mapped, stood]))
 

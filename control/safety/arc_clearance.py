@@ -209,7 +209,8 @@ def contact_times(
     The footprint is grown by the `margins` of a share `pace` of the command's speed, by `least_beside` [m] at least, and by
     more for points of `legs` (N,), less once the chair `gave_way`; the time is that of the whole command. A point already
     within the grown footprint is in contact now if it comes nearer by more than a centimetre in the next second, beside a
-    hand-driven chair (`least_beside`) by more than half of the gap that is left; driving along it or away from it is free; a point straight before the chair is not beside it, however near to its side's line.
+    hand-driven chair (`least_beside`) by more than half of the gap that is left; driving along it or away from it is free; a
+    point straight before the chair is not beside it, however near to its side's line.
     A point well within the footprint itself is in contact at once for any command that moves the chair.
     """
     s, x, y = leg_clearance, points[:, 0], points[:, 1]

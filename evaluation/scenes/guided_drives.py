@@ -201,9 +201,9 @@ def _near_misses(simulator: RecordingSimulator, began_ns: int) -> int:
 
 def wrongly_free(record: GuidedRecord, setup: GuidedSetup) -> int:
     """Return how many symbols told the driver to go ahead or back where the world has less than `FREE_M` of room."""
+    ways = {Symbol.FORWARD.value: FREE_M, Symbol.BACK.value: -FREE_M}
     solid, wrong = solid_from_blocks(setup.world.blocks), 0
     for told in record.told:
-        ways = {Symbol.FORWARD.value: FREE_M, Symbol.BACK.value: -FREE_M}
         if told.symbol in ways:
             row = min(int(np.searchsorted(record.times_s, told.stamp_ns * 1e-9)), len(record.truth) - 1)
             pose = Pose2(*record.truth[row].tolist())

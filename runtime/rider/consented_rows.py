@@ -2,7 +2,8 @@
 
 One file, readable by its owner alone: lines of JSON, each written through to the disk before the next, so that a computer that
 dies leaves whole lines and at most one broken end. Programs of one chair may share it (`look_again`). There is no file before the yes,
-and none after `erase`. Nothing of it goes to a black box, a topic or a log. It is data about health: the chair's operator answers for it (GDPR, article 9).
+and none after `erase`. Nothing of it goes to a black box, a topic or a log. It is data about health: the chair's operator answers
+for it (GDPR, article 9).
 """
 
 from __future__ import annotations

@@ -61,12 +61,14 @@ export function holdVoice(on) {
   if (!cut) return;
   said = null;
   globalThis.speechSynthesis?.cancel();
-  waits[cut.mustBeHeard ? "important" : "other"] ??= cut;
+  waits[kindOf(cut)] ??= cut;
 }
+
+const kindOf = ({ mustBeHeard }) => (mustBeHeard ? "important" : "other");
 
 function begin(job) {
   if (held || (said?.mustBeHeard && !job.mustBeHeard)) {
-    waits[job.mustBeHeard ? "important" : "other"] = job;
+    waits[kindOf(job)] = job;
     return;
   }
   hush();
@@ -77,7 +79,7 @@ function begin(job) {
 function next() {
   const job = waits.important ?? waits.other;
   if (!job) return;
-  waits[waits.important ? "important" : "other"] = null;
+  waits[kindOf(job)] = null;
   speak(job);
 }
 
