@@ -23,7 +23,6 @@ from waychair.planning.route.legs import DoorPassage, PathLeg
 from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, next_acceleration, speeds_along
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
-    ERROR_PER_SPEED,
     ERROR_STANDING,
     MIN_SPEED,
     PERIOD,
@@ -68,7 +67,7 @@ _DOOR_ON_LINE, _EASES_OVER = 0.3, 1.0
 """[m] A door no farther from the line moves it; the line eases into its correction over the second length."""
 
 _STRAYS_STEP, _JUDGED_FROM, _FORGETS_OVER, _GENTLEST = 0.05, 0.1, 8.0, 3.0
-"""[s] Steps in which straying from the line per speed counts; [m/s] the speed from which on it is judged; [m] the way over
+"""[s] Steps in which straying from the line per speed of the faster end counts; [m/s] the speed from which on it is judged; [m] the way over
 which it is forgotten. A chair that strays answers late, or not as foreseen: it returns to the line over up to so many times
 the distance, so that it does not swing about it."""
 
@@ -110,7 +109,7 @@ class WayFollower:
         self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
-        self._strays: float | None = None  # [s] distance from the line at a speed of 1 m/s, once the chair was on it
+        self._strays: float | None = None  # [s] distance from the line for each m/s of the faster end, once on it
         self._profile: tuple[DwaSettings | None, float, FloatArray] = None, 0.0, np.zeros(0)
         self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 
@@ -217,7 +216,7 @@ class WayFollower:
         """Return (N,) [m/s] the speeds at the line's poses, with a stop at its end; computed when the limits change."""
         before, strayed, speeds = self._profile
         of_speed = replace(limits, clearance=HARD)  # no speed depends on it, and it changes within a tick
-        strays = max(ERROR_PER_SPEED, _STRAYS_STEP * math.floor((self._strays or 0.0) / _STRAYS_STEP))
+        strays = _STRAYS_STEP * math.floor((self._strays or 0.0) / _STRAYS_STEP)
         if before != of_speed or strayed != strays:
             speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear, strays)
             speeds[-1] = 0.0
@@ -225,13 +224,14 @@ class WayFollower:
         return speeds
 
     def _note_straying(self, at: _OnLine, speed: float) -> None:
-        """Note how far a chair that was on its line is off it now, at its middle and its ends."""
-        off = abs(at.lateral) + max(abs(at.heading) - HEADING_TOLERANCE, 0.0) * max(self._body.front, self._body.rear)
+        """Note how far a chair that was on its line is off it now, at its middle and its ends, for the speed of its faster end."""
+        reach = max(self._body.front, self._body.rear)
+        off = abs(at.lateral) + max(abs(at.heading) - HEADING_TOLERANCE, 0.0) * reach
         if self._strays is None:
             self._strays = 0.0 if off < ERROR_STANDING and abs(at.heading) < HEADING_TOLERANCE else None
         elif speed > _JUDGED_FROM:
             kept = self._strays * (1.0 - speed * PERIOD / _FORGETS_OVER)
-            self._strays = max(kept, (off - ERROR_STANDING) / speed)
+            self._strays = max(kept, (off - ERROR_STANDING) / (speed * (1.0 + abs(at.bend) * reach)))
 
     def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""

@@ -125,13 +125,22 @@ def _comfortable(
     """
     near = _may_touch(points, slim, command, body, settings.legs, least_beside, within_s)
     points, slim = points[near], slim[near]
-    share, contact_s = 0.0, math.inf
-    considered = judged_shares(command, body)
-    for pace in considered[-1:] if gave_way else considered:
-        contact_s = _contact_s(points, slim, command, body, settings.legs, float(pace), gave_way, least_beside)
-        share = max(share, min(float(pace), slow_share(contact_s, command, settings)))
-        if share >= 1.0:
-            return 1.0, contact_s
+    considered = judged_shares(command, body).tolist()
+    considered = considered[-1:] if gave_way else considered
+
+    def contact_at(pace: float) -> float:
+        return _contact_s(points, slim, command, body, settings.legs, pace, gave_way, least_beside)
+
+    whole_s = contact_at(considered[0])
+    share = min(considered[0], slow_share(whole_s, command, settings))
+    if share >= 1.0 or len(considered) == 1:
+        return share, whole_s
+    contact_s = contact_at(considered[-1])
+    share = max(share, min(considered[-1], slow_share(contact_s, command, settings)))
+    for pace in considered[1:-1]:
+        if share >= pace:  # a slower pace permits no more than itself
+            break
+        share = max(share, min(pace, slow_share(contact_at(pace), command, settings)))
     return share, contact_s
 
 
@@ -226,19 +235,27 @@ def contact_times(
     front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
     rear = body.rear + np.maximum(around, ahead if command.v < 0.0 else 0.0)
     # move the side nearest to a point inwards until the point lies a centimetre outside
-    gaps = np.stack([front - x, rear + x, half - np.abs(y)])
-    nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
-    straight = np.abs(y) < body.width / 2
-    nearest = np.where(straight & (x > body.front), 0, np.where(straight & (x < -body.rear), 1, nearest))
-    closer = np.full(len(x), _CLOSER)
+    off = np.abs(y)
+    to_front, to_rear, to_side = front - x, rear + x, half - off
+    straight = off < body.width / 2
+    before, behind = straight & (x > body.front), straight & (x < -body.rear)
+    at_front = before | (~behind & (to_front <= to_rear) & (to_front <= to_side))
+    at_rear = ~at_front & (behind | (to_rear <= to_side))
+    at_side = ~(at_front | at_rear)
+    closer: FloatArray | float = _CLOSER
     if least_beside > 0.0:
-        left = np.abs(y) - body.width / 2
-        closer = np.where(nearest == 2, np.clip(0.5 * left, _LEAST_CLOSER, _CLOSER), closer)
-    shrink = np.maximum(np.take_along_axis(gaps, nearest[None], axis=0)[0] + closer, 0.0)
-    sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
-    times = entry_times(x, y, command, *sides)
+        closer = np.where(at_side, np.clip(0.5 * (off - body.width / 2), _LEAST_CLOSER, _CLOSER), _CLOSER)
+    times = entry_times(
+        x,
+        y,
+        command,
+        front - np.where(at_front, np.maximum(to_front + closer, 0.0), 0.0),
+        rear - np.where(at_rear, np.maximum(to_rear + closer, 0.0), 0.0),
+        half - np.where(at_side, np.maximum(to_side + closer, 0.0), 0.0),
+    )
+    within = np.minimum(np.minimum(to_front, to_rear), to_side)
     times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
-    deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
+    deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - off) > _DEEP
     moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
     return np.where(deep & moves, 0.0, times)
 

@@ -62,17 +62,20 @@ def _turning(
 ) -> FloatArray:
     """Return the times (N,) [s] for points at x, y (N,) [m] from the centre of the arc, which lies beside the axle."""
     times = np.full(len(x), math.inf)
-    gear = math.copysign(1.0, omega)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        reach, phase = np.hypot(x, y), np.arctan2(y, x)
-        for level, upright in ((front, True), (-rear, True), (half - centre, False), (-half - centre, False)):
-            part = level / reach  # nan below where the circle does not come so far
-            turn = np.arccos(part) if upright else np.arcsin(part)
-            along = reach * np.sqrt(1.0 - part * part)
-            for angle, other in ((turn, along), (-turn if upright else math.pi - turn, -along)):
-                t = np.mod((phase - angle) * gear, math.tau) / abs(omega)  # the phase falls by omega t
-                inside = np.abs(other + centre) <= half if upright else (other <= front) & (other >= -rear)
-                times = np.where(inside & (t < times), t, times)
+    levels = np.stack([front, -rear, half - centre, -half - centre])  # of the sides: two upright, two level
+    left = x * x + y * y - levels * levels
+    along = np.sqrt(np.maximum(left, 0.0))
+    along = np.stack([along, -along])  # (2, 4, N): where the circle crosses a side's line
+    inside = np.empty(along.shape, np.bool_)
+    np.less_equal(np.abs(along[:, :2] + centre), half, out=inside[:, :2])
+    np.logical_and(along[:, 2:] <= front, along[:, 2:] >= -rear, out=inside[:, 2:])
+    sense, side, point = np.nonzero(inside & (left >= 0.0))  # the angle is needed of the few crossings only
+    level, other = levels[side, point], along[sense, side, point]
+    upright = side < 2
+    angle = np.arctan2(np.where(upright, other, level), np.where(upright, level, other))
+    phase = np.arctan2(y, x)[point]  # it falls by omega t
+    soonest = np.mod((phase - angle) * math.copysign(1.0, omega), math.tau) / abs(omega)
+    np.minimum.at(times, point, soonest)
     return times
 
 

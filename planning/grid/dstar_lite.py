@@ -51,7 +51,7 @@ from waychair.types import Bytes, IntArray
 POPS_PER_STEP = 20_000
 """Cells taken from the queue between two interruptions of `DStarLite.prepare`, about 8 ms of a control period's 50."""
 
-CELLS_PER_STEP = 80_000
+CELLS_PER_STEP = 240_000
 """Cells whose records are made between two interruptions of it; on a large map their memory takes longest."""
 
 _ALL = np.iinfo(np.int64).max

@@ -59,11 +59,11 @@ def speeds_along(
     body: ChairBody,
     limits: DwaSettings,
     gear: float = 1.0,
-    strays: float = ERROR_PER_SPEED,
+    strays: float = 0.0,
 ) -> FloatArray:
     """Return (N,) [m/s] the highest comfortable speed at each pose, its neighbours left out of account.
 
-    `strays` [s] is the foreseen distance from the line for each m/s.
+    `strays` [s]: the chair has been seen off its line by so much for each m/s of its faster end; more than foreseen counts.
     """
     top = limits.max_speed if gear > 0 else limits.max_reverse
     tight = np.abs(bends)
@@ -75,7 +75,8 @@ def speeds_along(
         speed = np.minimum(speed, np.sqrt(STEERING_SHARE * limits.alpha / np.maximum(rate, 1e-6)))
     room = np.maximum(rooms, 0.0)
     free = rooms >= ROOMS[-1]
-    near = np.maximum((room - ERROR_STANDING) / strays, LEAST_SPEED)
+    per_speed = np.maximum(strays * (1.0 + tight * max(body.front, body.rear)), ERROR_PER_SPEED)
+    near = np.maximum((room - ERROR_STANDING) / per_speed, LEAST_SPEED)
     return np.where(free, speed, np.minimum(speed, near))
 
 
