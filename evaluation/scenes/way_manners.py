@@ -41,7 +41,9 @@ class WayManners:
 
 
 def manners_of(motion: TrueMotion, start: Pose2, goal: Pose2) -> WayManners:
-    """Return the manners of a true motion between two poses in its frame."""
+    """Return the manners of a true motion between two poses in its frame; all are 0 for a drive that was refused at once."""
+    if not len(motion.stamps_ns):
+        return WayManners(stops=0, swings=0, turned=0.0, slow_share=0.0, jerk=0.0)
     stamps_s = (motion.stamps_ns - motion.stamps_ns[0]) * 1e-9
     v, omega = motion.twists.T
     stands = np.abs(v) < STANDING

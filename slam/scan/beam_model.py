@@ -8,7 +8,8 @@ A beam that ends before the map's wall may have hit a person or object that is n
 section 6.3.1; Fox, Burgard and Thrun 1999 filter such beams by their distance). The neighbouring beams decide: a
 surface as narrow as a person or a cart hides the wall behind it and is no evidence, a wider one is probably a wall that
 the map lacks. A beam through a wall that ends on another wall is no evidence either: the first may be glass, an open
-door, or an edge that was drawn to keep chairs away.
+door, or an edge that was drawn to keep chairs away. A beam that ends on unknown ground beside a wall without having
+crossed it has hit the other side of a thing that was seen from one side only.
 """
 
 from __future__ import annotations
@@ -172,30 +173,32 @@ def _trace_beam(
     The distance to the nearest wall lets the trace skip steps that cannot meet one.
     """
     height, width = kinds.shape
+    row, col = math.floor(y1 / resolution), math.floor(x1 / resolution)
+    inside = 0 <= row < height and 0 <= col < width
     length = math.hypot(x1 - x0, y1 - y0)
     step = 0.5 * resolution
     # a wall this near the beam's end is the wall that it hit, grazed or slightly displaced
     last = length - max(0.3, 0.1 * length)
-    through = False
-    k, end = 1, int(last / step)
+    k, end = 1, int((length if inside and kinds[row, col] == _UNKNOWN else last) / step)
+    crosses = through = False
     while k < end:
         x, y = x0 + (x1 - x0) * k * step / length, y0 + (y1 - y0) * k * step / length
-        row, col = math.floor(y / resolution), math.floor(x / resolution)
-        if not (0 <= row < height and 0 <= col < width):
+        i, j = math.floor(y / resolution), math.floor(x / resolution)
+        if not (0 <= i < height and 0 <= j < width):
             k += 1
-        elif kinds[row, col] == _WALL:
-            through = True
+        elif kinds[i, j] == _WALL:
+            crosses, through = True, k < int(last / step)
             break
         else:  # `wall_distance` runs between cell centres: up to half a diagonal less at both ends
-            k += max(1, int((wall_distance[row, col] - _DIAGONAL * resolution) / step))
-    row, col = math.floor(y1 / resolution), math.floor(x1 / resolution)
-    inside = 0 <= row < height and 0 <= col < width
-    if through:
-        return ON_FAR_WALL if inside and wall_distance[row, col] <= 0.1 else THROUGH_WALL
+            k += max(1, int((wall_distance[i, j] - _DIAGONAL * resolution) / step))
     if not inside:
-        return IN_UNKNOWN
-    if wall_distance[row, col] <= 0.1:
+        return THROUGH_WALL if through else IN_UNKNOWN
+    on_wall = wall_distance[row, col] <= 0.1
+    if through:
+        return ON_FAR_WALL if on_wall else THROUGH_WALL
+    if on_wall:
         return ON_WALL
-    if wall_distance[row, col] <= 0.25:
-        return NEAR_WALL
-    return IN_UNKNOWN if kinds[row, col] == _UNKNOWN else IN_FREE
+    is_near = wall_distance[row, col] <= 0.25
+    if kinds[row, col] == _UNKNOWN:
+        return NEAR_WALL if is_near and crosses else IN_UNKNOWN
+    return NEAR_WALL if is_near else IN_FREE

@@ -45,3 +45,8 @@ def test_turns_back_and_forth_are_counted_within_a_stand_and_all_turning_is_adde
 
 def test_the_slow_share_is_that_of_the_time_below_thirty_centimetres_a_second() -> None:
     assert _driven([(3.0, 0.2, 0.0), (7.0, 0.5, 0.0)]).slow_share == pytest.approx(0.3)
+
+
+def test_a_drive_that_was_refused_at_once_has_no_manners() -> None:
+    nothing = TrueMotion(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+    assert manners_of(nothing, Pose2(), Pose2(5.0, 0.0, 0.0)) == WayManners(0, 0, 0.0, 0.0, 0.0)

@@ -56,6 +56,19 @@ def test_beams_are_classified_by_the_cells_they_cross_and_their_end(end: tuple[f
     assert shares_of(np.array([end])).argmax() == expected
 
 
+def test_the_unmapped_side_of_a_thing_that_was_seen_from_one_side_is_unknown_and_no_wall_out_of_place() -> None:
+    cells = np.zeros((40, 60), np.int8)
+    cells[:, 30], cells[:, 31:36] = 100, -1  # a cupboard whose front alone was seen
+    beams = beam_map(OccupancyGrid(cells, 0.1))
+
+    def found(x: float, heading: float, length: float) -> int:
+        shares = beam_classes(np.array([[length, 0.0]]), np.zeros((1, 2)), Pose2(x, 2.05, heading).array(), beams)
+        return int(shares[0].argmax())
+
+    assert found(5.5, math.pi, 2.25) == IN_UNKNOWN  # its other side, 0.2 m behind the front
+    assert found(1.0, 0.0, 2.25) == NEAR_WALL  # through its front: the pose is off
+
+
 def test_no_beams_have_no_shares() -> None:
     assert not shares_of(np.empty((0, 2))).any()
 
