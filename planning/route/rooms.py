@@ -60,20 +60,26 @@ def prepare_outlines(body: ChairBody, grid: OccupancyGrid, margins: Sequence[flo
 
 def can_turn(costmap: Costmap, pose: Pose2, heading: float, margin: float) -> bool:
     """Return whether the chair can turn on the spot to a heading [rad], in one of both directions, or need not turn."""
+    return turn_to(costmap, pose, heading, margin) is not None
+
+
+def turn_to(costmap: Costmap, pose: Pose2, heading: float, margin: float) -> float | None:
+    """Return the smaller of the free turns [rad] on the spot to a heading [rad]; None where none is free."""
     short = wrap_angle(heading - pose.theta)
-    if abs(short) < NO_TURN:
-        return True
-    field = costmap.field
-    for fine in (False, True):
-        if fine:
-            field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
-        if turn_is_free(costmap.body, margin, field, pose, short):
-            return True
-    return False
+    if abs(short) < NO_TURN or _is_free(costmap.body, margin, costmap.field, pose, short):
+        return short
+    fine = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
+    return free_turn(costmap.body, margin, fine, pose, short)
 
 
-def turn_is_free(body: ChairBody, margin: float, field: DistanceField, pose: Pose2, turn: float) -> bool:
-    """Return whether a body with a margin [m] can turn on the spot by an angle [rad], or the other way round."""
-    shape, at = footprint(body, margin, field), in_cells(field, pose)
+def free_turn(body: ChairBody, margin: float, field: DistanceField, pose: Pose2, turn: float) -> float | None:
+    """Return the angle [rad] by which a body with a margin [m] can turn on the spot: the given one, or the other way round.
+
+    None where neither is free.
+    """
     other = turn - math.copysign(math.tau, turn)
-    return any(free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0 for each in (turn, other))
+    return next((each for each in (turn, other) if _is_free(body, margin, field, pose, each)), None)
+
+
+def _is_free(body: ChairBody, margin: float, field: DistanceField, pose: Pose2, turn: float) -> bool:
+    return free_time(footprint(body, margin, field), in_cells(field, pose), 0.0, turn, 1.0, 1.0) >= 1.0

@@ -23,7 +23,7 @@ from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import CountedSteps
 from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.manoeuvres import gear_changes
-from waychair.planning.route.rooms import NO_TURN, turn_is_free
+from waychair.planning.route.rooms import NO_TURN, free_turn
 from waychair.planning.route.speed_profile import BLIND_SPEED, rooms_along, time_along, turn_rate, turn_time
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
 from waychair.types import FloatArray, Pose2
@@ -118,7 +118,7 @@ def _turning_places(body: ChairBody, near: DistanceField, start: Pose2) -> list[
     found: list[_Node] = []
     for ahead, aside in product(_AHEAD, _ASIDE):
         pose = start @ Pose2(ahead, aside, 0.0)
-        if fits(body, PLANNED, near, pose) and turn_is_free(body, PLANNED_TURN, near, pose, math.pi):
+        if fits(body, PLANNED, near, pose) and free_turn(body, PLANNED_TURN, near, pose, math.pi) is not None:
             found.append(_Node(pose, -2 - len(found), 0, PLANNED))
         if len(found) == _MOST_PLACES:
             break
@@ -173,9 +173,10 @@ def _offer_bands(
             continue
         rooms = rooms_along(body, near, poses)
         turn = wrap_angle(float(poses[0, 2]) - begin.theta)
-        if rooms.min() < least or (abs(turn) > NO_TURN and not turn_is_free(body, margin, near, begin, turn)):
+        turned_by = turn if abs(turn) <= NO_TURN else free_turn(body, margin, near, begin, turn)
+        if rooms.min() < least or turned_by is None:
             continue
-        turning = turn_time(turn, body, limits) if leaves is None else 0.0
+        turning = turn_time(turned_by, body, limits) if leaves is None else 0.0
         piece = _piece(ground, poses, rooms, backwards, turning)
         chains.offer(i, j, piece.seconds + _STOP_S / 2, piece)
 

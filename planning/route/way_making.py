@@ -23,7 +23,7 @@ from waychair.planning.route.flowing_line import COMFORT, NO_ZONES, SPACING, flo
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import DoorPassage, PathLeg
 from waychair.planning.route.manoeuvres import manoeuvre_between
-from waychair.planning.route.rooms import can_turn, rooms_beside
+from waychair.planning.route.rooms import can_turn, rooms_beside, turn_to
 from waychair.planning.route.shortcuts import shortened
 from waychair.planning.route.speed_profile import time_along, turn_time
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
@@ -326,12 +326,13 @@ def _soonest(
                 continue
             poses, rooms = found
             into, out = Pose2(*poses[0]), Pose2(*poses[-1])
-            if leaves is None and not can_turn(costmap, start, into.theta, PLANNED_TURN):
+            turns = (
+                turn_to(costmap, start, into.theta, PLANNED_TURN) if leaves is None else 0.0,
+                turn_to(costmap, out, goal.theta, PLANNED_TURN) if arrives is None else 0.0,
+            )
+            if turns[0] is None or turns[1] is None:
                 continue
-            if arrives is None and not can_turn(costmap, out, goal.theta, PLANNED_TURN):
-                continue
-            turning = turn_time(wrap_angle(into.theta - start.theta), costmap.body, limits) if leaves is None else 0.0
-            turning += turn_time(wrap_angle(goal.theta - out.theta), costmap.body, limits) if arrives is None else 0.0
+            turning = sum(turn_time(turn, costmap.body, limits) for turn in turns if turn)
             seconds = time_along(poses, rooms, costmap.body, limits, gear) + turning
             if best is None or seconds < best.seconds:
                 best = Piece(poses, rooms, seconds, backwards, turning)

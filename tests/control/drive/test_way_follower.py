@@ -246,3 +246,17 @@ def test_a_chair_that_begins_beside_its_line_does_not_stray() -> None:
     follow = follower(straight(6.0), room=0.06)
     step(follow, Pose2(1.0, 0.06, 0.0), Twist(0.5, 0.0))
     assert follow.top_speed(LIMITS) > 0.7
+
+
+def test_what_a_sharp_bend_swings_a_slow_chair_off_its_line_does_not_slow_it_down_on_the_straight() -> None:
+    turned = np.linspace(0.0, math.pi / 2, 12)
+    bend = np.column_stack([0.3 * np.sin(turned), 0.3 - 0.3 * np.cos(turned), turned])
+    ahead = straight(4.0)[1:]
+    line = np.concatenate([bend, np.column_stack([0.3 + ahead[:, 1], 0.3 + ahead[:, 0], ahead[:, 2] + math.pi / 2])])
+    follow = follower(line, room=0.06)
+    x, y, theta = bend[5].tolist()
+    step(follow, Pose2(x, y, theta), Twist(0.2, 0.6))
+    step(follow, Pose2(x, y, theta - 0.1), Twist(0.2, 0.6))  # its front is 5 cm off at 0.7 m/s
+    for y in np.arange(0.4, 1.2, 0.1).tolist():
+        step(follow, Pose2(0.3, y, math.pi / 2), Twist(0.2, 0.0))
+    assert follow.top_speed(LIMITS) > 0.7

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.body.footprint import disc_tree
 from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.grid.resumable import finished
-from waychair.planning.route.rooms import prepare_outlines, rooms_beside
-from waychair.types import FloatArray, OccupancyGrid
+from waychair.planning.route.rooms import can_turn, prepare_outlines, rooms_beside, turn_to
+from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
 def _corridor(cell: float) -> tuple[OccupancyGrid, FloatArray]:
@@ -37,3 +40,14 @@ def test_the_rooms_along_a_line_take_no_outline_that_was_not_prepared() -> None:
     rooms = finished(rooms_beside(costmap, poses))
     assert rooms.min() > 0.0
     assert disc_tree.cache_info().misses == prepared
+
+
+@pytest.mark.parametrize("post", [False, True])
+def test_where_the_shorter_turn_is_barred_the_longer_one_counts(post: bool) -> None:
+    cells = np.zeros((80, 80), np.int8)
+    if post:
+        cells[49:51, 49:51] = 100  # half a metre ahead and to the left of a chair in the middle that looks along x
+    costmap, middle = LiveCostmap(OccupancyGrid(cells, 0.05), CHAIR_A).costmap(), Pose2(2.0, 2.0, 0.0)
+    turn = turn_to(costmap, middle, math.pi / 2, 0.03)
+    assert turn == pytest.approx(math.pi / 2 - math.tau if post else math.pi / 2)
+    assert can_turn(costmap, middle, math.pi / 2, 0.03)
