@@ -400,7 +400,7 @@ class _Tick:
         held = now.held_ahead and (at_jamb or stood > STUCK_S)  # elsewhere somebody may walk by
         if state.said is Symbol.FORWARD and not pending and (held or stood > 2.0 * STUCK_S):
             return self._retry(state, "something is in the way")
-        if stood > STRAIGHTENS_S or (askew and not pending and front_at_door(step, along, self.guide.body)):
+        if askew and (stood > STRAIGHTENS_S or (not pending and front_at_door(step, along, self.guide.body))):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)

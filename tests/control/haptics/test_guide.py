@@ -314,6 +314,21 @@ def test_a_driver_is_sent_back_behind_the_start_of_a_leg_only_as_far_as_somebody
     assert state.back_until == pytest.approx(-back)
 
 
+@pytest.mark.parametrize(("off_deg", "then"), [(1.0, Symbol.FORWARD), (-9.0, Symbol.BACK)])
+def test_a_driver_who_has_been_straightened_at_last_drives_on_and_one_still_askew_is_sent_back(
+    off_deg: float, then: Symbol
+) -> None:
+    door = DoorPassage(Pose2(4.0, 0.0, 0.0), 0.9)
+    plan = through(door)
+    at = next(k for k, each in enumerate(plan.steps) if each.door is not None)
+    pose = door.map_from_door @ Pose2(0.2, 0.0, math.radians(off_deg))
+    state = GuideState(at, LeadingPhase.GO, said=Symbol.NUDGE_LEFT, said_ns=10_000_000_000, still_ns=0)
+    inputs = GuideInputs(12_000_000_000, pose, Twist(), holds=True)
+    word, _ = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(plan, state, inputs)
+    assert word.advice is not None
+    assert word.advice.symbol is then
+
+
 def test_a_turn_that_is_held_with_no_way_back_asks_for_new_steps() -> None:
     plan, guide, state = corner(), StepGuide(CHAIR_A, RiderModel(), DURATIONS), GuideState()
     state = replace(state, step=next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT))
