@@ -404,9 +404,9 @@ class _Tick:
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)
-        if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V:
+        if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V and not now.held_swivel:
             return self._say(side, f"straighten, {abs(math.degrees(error)):.0f} degrees off", state)
-        if state.said is Symbol.FORWARD:
+        if state.said is Symbol.FORWARD or now.held_swivel:  # nudges do nothing to a hand that holds a turn
             return self._ask_again(Symbol.FORWARD, reason, state)
         return self._say(Symbol.FORWARD, reason, state)
 

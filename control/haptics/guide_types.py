@@ -71,7 +71,8 @@ _HELD, _HELD_AT = 0.03, 0.1
 class GuideInputs:
     """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back.
 
-    `holds`: the board holds the stick as the guide asks (`StickHold`).
+    `held_swivel`: all that the hand does is a turn that the guard holds. `holds`: the board holds the stick as the guide asks
+    (`StickHold`).
     """
 
     now_ns: int
@@ -80,6 +81,7 @@ class GuideInputs:
     held_ahead: bool = False
     held_back: bool = False
     held_turn: bool = False
+    held_swivel: bool = False
     holds: bool = False
 
     @classmethod
@@ -94,13 +96,15 @@ class GuideInputs:
     ) -> GuideInputs:
         """Return the inputs for a stick under caps to the front, the rear, the left and the right, all in shares of the swing."""
         front, rear, left, right = caps
+        held_turn = turn > left + _HELD or -turn > right + _HELD
         return cls(
             now_ns,
             pose,
             twist,
             held_ahead=forward > front + _HELD and front < _HELD_AT,
             held_back=-forward > rear + _HELD and rear < _HELD_AT,
-            held_turn=turn > left + _HELD or -turn > right + _HELD,
+            held_turn=held_turn,
+            held_swivel=held_turn and abs(turn) > 2.0 * abs(forward),
             holds=True,
         )
 

@@ -314,6 +314,17 @@ def test_a_driver_is_sent_back_behind_the_start_of_a_leg_only_as_far_as_somebody
     assert state.back_until == pytest.approx(-back)
 
 
+@pytest.mark.parametrize(("forward", "then"), [(0.0, Symbol.FORWARD), (0.3, Symbol.NUDGE_LEFT)])
+def test_a_hand_that_holds_a_turn_is_told_to_drive_ahead_and_not_nudged(forward: float, then: Symbol) -> None:
+    pose, now_ns = Pose2(1.0, 0.0, math.radians(-9.0)), 6_000_000_000
+    state = GuideState(0, LeadingPhase.GO, said=Symbol.FORWARD, said_ns=now_ns - 2_000_000_000)
+    inputs = GuideInputs.under((0.6, 0.2, 0.3, 0.0), forward, -0.2, now_ns, pose, Twist())
+    assert inputs.held_turn
+    word, _ = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
+    assert word.advice is not None
+    assert word.advice.symbol is then
+
+
 @pytest.mark.parametrize(("off_deg", "then"), [(1.0, Symbol.FORWARD), (-9.0, Symbol.BACK)])
 def test_a_driver_who_has_been_straightened_at_last_drives_on_and_one_still_askew_is_sent_back(
     off_deg: float, then: Symbol
