@@ -20,7 +20,14 @@ from waychair.planning.body.clearance import HARD, TRACKED
 from waychair.planning.body.footprint import along_arc, fits_each, footprint, free_time, in_cells
 from waychair.planning.route.leaving_a_wall import standing_body
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, next_acceleration, speeds_along
+from waychair.planning.route.speed_profile import (
+    RESERVE,
+    curvatures,
+    faster_end,
+    fastest_now,
+    next_acceleration,
+    speeds_along,
+)
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     ERROR_STANDING,
@@ -225,13 +232,13 @@ class WayFollower:
 
     def _note_straying(self, at: _OnLine, speed: float) -> None:
         """Note how far a chair that was on its line is off it now, at its middle and its ends, for the speed of its faster end."""
-        reach = max(self._body.front, self._body.rear)
-        off = abs(at.lateral) + max(abs(at.heading) - HEADING_TOLERANCE, 0.0) * reach
+        off = abs(at.lateral) + max(abs(at.heading) - HEADING_TOLERANCE, 0.0) * max(self._body.front, self._body.rear)
         if self._strays is None:
             self._strays = 0.0 if off < ERROR_STANDING and abs(at.heading) < HEADING_TOLERANCE else None
         elif speed > _JUDGED_FROM:
             kept = self._strays * (1.0 - speed * PERIOD / _FORGETS_OVER)
-            self._strays = max(kept, (off - ERROR_STANDING) / (speed * (1.0 + abs(at.bend) * reach)))
+            end_speed = speed * float(faster_end(np.array([at.bend]), self._body)[0])
+            self._strays = max(kept, (off - ERROR_STANDING) / end_speed)
 
     def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""

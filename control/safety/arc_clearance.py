@@ -245,14 +245,9 @@ def contact_times(
     closer: FloatArray | float = _CLOSER
     if least_beside > 0.0:
         closer = np.where(at_side, np.clip(0.5 * (off - body.width / 2), _LEAST_CLOSER, _CLOSER), _CLOSER)
-    times = entry_times(
-        x,
-        y,
-        command,
-        front - np.where(at_front, np.maximum(to_front + closer, 0.0), 0.0),
-        rear - np.where(at_rear, np.maximum(to_rear + closer, 0.0), 0.0),
-        half - np.where(at_side, np.maximum(to_side + closer, 0.0), 0.0),
-    )
+    moved = ((front, to_front, at_front), (rear, to_rear, at_rear), (half, to_side, at_side))
+    sides = (side - np.where(here, np.maximum(gap + closer, 0.0), 0.0) for side, gap, here in moved)
+    times = entry_times(x, y, command, *sides)
     within = np.minimum(np.minimum(to_front, to_rear), to_side)
     times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
     deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - off) > _DEEP

@@ -66,14 +66,12 @@ def _turning(
     left = x * x + y * y - levels * levels
     along = np.sqrt(np.maximum(left, 0.0))
     along = np.stack([along, -along])  # (2, 4, N): where the circle crosses a side's line
-    inside = np.empty(along.shape, np.bool_)
-    np.less_equal(np.abs(along[:, :2] + centre), half, out=inside[:, :2])
-    np.logical_and(along[:, 2:] <= front, along[:, 2:] >= -rear, out=inside[:, 2:])
+    upright, flat = along[:, :2], along[:, 2:]
+    inside = np.concatenate([np.abs(upright + centre) <= half, (flat <= front) & (flat >= -rear)], axis=1)
     sense, side, point = np.nonzero(inside & (left >= 0.0))  # the angle is needed of the few crossings only
     level, other = levels[side, point], along[sense, side, point]
-    upright = side < 2
-    angle = np.arctan2(np.where(upright, other, level), np.where(upright, level, other))
-    phase = np.arctan2(y, x)[point]  # it falls by omega t
+    angle = np.where(side < 2, np.arctan2(other, level), np.arctan2(level, other))
+    phase = np.arctan2(y[point], x[point])  # it falls by omega t
     soonest = np.mod((phase - angle) * math.copysign(1.0, omega), math.tau) / abs(omega)
     np.minimum.at(times, point, soonest)
     return times

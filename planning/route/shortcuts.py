@@ -172,11 +172,13 @@ def _offer_bands(
         if sharpest(poses) > SHARPEST or is_against_one_way(ground.costmap, poses[:, :2]):
             continue
         rooms = rooms_along(body, near, poses)
-        turn = wrap_angle(float(poses[0, 2]) - begin.theta)
-        turned_by = turn if abs(turn) <= NO_TURN else free_turn(body, margin, near, begin, turn)
-        if rooms.min() < least or turned_by is None:
+        if rooms.min() < least:
             continue
-        turning = turn_time(turned_by, body, limits) if leaves is None else 0.0
+        short = wrap_angle(float(poses[0, 2]) - begin.theta)
+        turn = short if abs(short) <= NO_TURN else free_turn(body, margin, near, begin, short)
+        if turn is None:
+            continue
+        turning = turn_time(turn, body, limits) if leaves is None else 0.0
         piece = _piece(ground, poses, rooms, backwards, turning)
         chains.offer(i, j, piece.seconds + _STOP_S / 2, piece)
 

@@ -75,9 +75,15 @@ def speeds_along(
         speed = np.minimum(speed, np.sqrt(STEERING_SHARE * limits.alpha / np.maximum(rate, 1e-6)))
     room = np.maximum(rooms, 0.0)
     free = rooms >= ROOMS[-1]
-    per_speed = np.maximum(strays * (1.0 + tight * max(body.front, body.rear)), ERROR_PER_SPEED)
+    per_speed = np.maximum(strays * faster_end(bends, body), ERROR_PER_SPEED)
     near = np.maximum((room - ERROR_STANDING) / per_speed, LEAST_SPEED)
     return np.where(free, speed, np.minimum(speed, near))
+
+
+def faster_end(bends: FloatArray, body: ChairBody) -> FloatArray:
+    """Return (N,) the speed of the body's faster end for each m/s along curvatures (N,) [1/m]."""
+    faster: FloatArray = 1.0 + np.abs(bends) * max(body.front, body.rear)
+    return faster
 
 
 @njit(cache=True, nogil=True)

@@ -326,13 +326,13 @@ def _soonest(
                 continue
             poses, rooms = found
             into, out = Pose2(*poses[0]), Pose2(*poses[-1])
-            turns = (
-                turn_to(costmap, start, into.theta, PLANNED_TURN) if leaves is None else 0.0,
-                turn_to(costmap, out, goal.theta, PLANNED_TURN) if arrives is None else 0.0,
-            )
-            if turns[0] is None or turns[1] is None:
+            turn_in = turn_to(costmap, start, into.theta, PLANNED_TURN) if leaves is None else 0.0
+            if turn_in is None:
                 continue
-            turning = sum(turn_time(turn, costmap.body, limits) for turn in turns if turn)
+            turn_out = turn_to(costmap, out, goal.theta, PLANNED_TURN) if arrives is None else 0.0
+            if turn_out is None:
+                continue
+            turning = turn_time(turn_in, costmap.body, limits) + turn_time(turn_out, costmap.body, limits)
             seconds = time_along(poses, rooms, costmap.body, limits, gear) + turning
             if best is None or seconds < best.seconds:
                 best = Piece(poses, rooms, seconds, backwards, turning)

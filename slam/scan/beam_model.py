@@ -179,26 +179,26 @@ def _trace_beam(
     step = 0.5 * resolution
     # a wall this near the beam's end is the wall that it hit, grazed or slightly displaced
     last = length - max(0.3, 0.1 * length)
-    k, end = 1, int((length if inside and kinds[row, col] == _UNKNOWN else last) / step)
-    crosses = through = False
+    unknown = inside and kinds[row, col] == _UNKNOWN
+    before = int(last / step)
+    k, end = 1, int(length / step) if unknown else before
+    crosses = False
     while k < end:
         x, y = x0 + (x1 - x0) * k * step / length, y0 + (y1 - y0) * k * step / length
         i, j = math.floor(y / resolution), math.floor(x / resolution)
         if not (0 <= i < height and 0 <= j < width):
             k += 1
         elif kinds[i, j] == _WALL:
-            crosses, through = True, k < int(last / step)
+            crosses = True
             break
         else:  # `wall_distance` runs between cell centres: up to half a diagonal less at both ends
             k += max(1, int((wall_distance[i, j] - _DIAGONAL * resolution) / step))
+    if crosses and k < before:
+        return ON_FAR_WALL if inside and wall_distance[row, col] <= 0.1 else THROUGH_WALL
     if not inside:
-        return THROUGH_WALL if through else IN_UNKNOWN
-    on_wall = wall_distance[row, col] <= 0.1
-    if through:
-        return ON_FAR_WALL if on_wall else THROUGH_WALL
-    if on_wall:
+        return IN_UNKNOWN
+    if wall_distance[row, col] <= 0.1:
         return ON_WALL
-    is_near = wall_distance[row, col] <= 0.25
-    if kinds[row, col] == _UNKNOWN:
-        return NEAR_WALL if is_near and crosses else IN_UNKNOWN
-    return NEAR_WALL if is_near else IN_FREE
+    if wall_distance[row, col] <= 0.25 and (crosses or not unknown):
+        return NEAR_WALL
+    return IN_UNKNOWN if unknown else IN_FREE
