@@ -39,32 +39,28 @@ def before_wall(step: Step, along: float, body: ChairBody) -> float:
     return at.x - HALF_WALL - body.front - along
 
 
-def drift_in_door(body: ChairBody, veer: float) -> float:
-    """Return how far [m, left positive] a veer [rad/m] shifts the chair's middle line aside, on average, while it passes a wall.
+def veered(veer: float, way: float, front: float = 0.0) -> tuple[float, float]:
+    """Return how far aside [m] and round [rad], left positive, a veer [rad/m] takes a chair on `way` [m].
 
-    From the front at the wall to the drive axle in it the line shifts by twice as much there, whatever the heading.
+    With `front`, the way ends in a door: of the chair's middle line in it, on average while the chair passes from its front, so far
+    [m] before the drive axle, to the axle.
     """
-    return 0.25 * veer * body.front**2
+    passing = min(way, front)
+    return veer * (0.5 * way * way - 0.25 * passing * passing), veer * (way - 0.5 * passing)
 
 
 def off_aim(step: Step, there: Pose2, body: ChairBody, veer: float) -> float:
     """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg.
 
-    A door's aim is its middle, less what the chair veers in it. On a leg without a door the chair is led against its veer: it comes to
-    the leg again in an arc.
+    A door's aim is its middle, and elsewhere a point ahead on the leg. The chair is led against its veer: it comes there in an arc.
     """
-    if step.door is None:
-        return wrap_angle(math.atan2(-there.y, LOOK_AHEAD) + led_against(veer) - there.theta)
-    target = (there.x + LOOK_AHEAD, 0.0)
-    if before_wall(step, there.x, body) > -IN_DOOR:
+    target, front = (there.x + LOOK_AHEAD, 0.0), 0.0
+    if step.door is not None and before_wall(step, there.x, body) > -IN_DOOR:
         at = step.start.inverse() @ step.door.map_from_door
-        target = (max(at.x, there.x + LEAST_AIM), at.y - drift_in_door(body, veer))
-    return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - there.theta)
-
-
-def led_against(veer: float) -> float:
-    """Return the heading [rad] to a leg from which a chair that veers [rad/m] is on the leg again `LOOK_AHEAD` farther on."""
-    return -0.5 * veer * LOOK_AHEAD
+        target, front = (max(at.x, there.x + LEAST_AIM), at.y), body.front
+    way = target[0] - there.x
+    aside, _ = veered(veer, way, front)
+    return wrap_angle(math.atan2(target[1] - there.y - aside, way) - there.theta)
 
 
 def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> float:

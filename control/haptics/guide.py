@@ -18,14 +18,13 @@ from waychair.control.haptics.course import (
     aims_well,
     before_wall,
     course_error,
-    drift_in_door,
     front_at_door,
     is_hopeless,
-    led_against,
     may_swivel,
     off_aim,
     on_leg,
     tolerated_error,
+    veered,
 )
 from waychair.control.haptics.guide_numbers import (
     ABOUT,
@@ -110,7 +109,8 @@ class StepGuide:
         fresh = replace(state, step=index, tries=0, shuffles=0, still_ns=None, aim=None)
         if step.kind is StepKind.PIVOT:
             onto = plan.steps[index + 1]
-            against = led_against(self.rider.veer_per_m) if onto.kind is StepKind.STRAIGHT else 0.0
+            leads = onto.kind in (StepKind.STRAIGHT, StepKind.DOOR)
+            against = off_aim(onto, Pose2(), self.body, self.rider.veer_per_m) if leads else 0.0
             return replace(fresh, phase=LeadingPhase.TURN, heading=wrap_angle(step.end.theta + against))
         if step.kind is StepKind.BACK:
             return replace(fresh, phase=LeadingPhase.BACK, back_until=-step.length)
@@ -465,9 +465,10 @@ class _Tick:
         """Return the state with the aim at the door, smoothed: one noisy pose must not break a good try off."""
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
-        drift = drift_in_door(self.guide.body, self.guide.rider.veer_per_m)
-        offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y + drift
-        turned = wrap_angle(course.theta - at.theta)
+        way = max(at.x - course.x, 0.0)
+        aside, bend = veered(self.guide.rider.veer_per_m, way, self.guide.body.front)
+        offset = course.y + (at.x - course.x) * math.tan(course.theta) + aside - at.y
+        turned = wrap_angle(course.theta + bend - at.theta)
         if state.aim is None:
             return replace(state, aim=Aim(offset, turned, 1))
         part = max(AIM_PART, 1.0 / (state.aim.ticks + 1))
