@@ -42,8 +42,8 @@ def before_wall(step: Step, along: float, body: ChairBody) -> float:
 def veered(veer: float, way: float, front: float = 0.0) -> tuple[float, float]:
     """Return how far aside [m] and round [rad], left positive, a veer [rad/m] takes a chair on `way` [m].
 
-    With `front`, the way ends in a door: of the chair's middle line in it, on average while the chair passes from its front, so far
-    [m] before the drive axle, to the axle.
+    With `front`, the way ends in a door: of the chair's middle line in it, midway between the one when the front is there, so far [m]
+    before the drive axle, and the one when the axle is.
     """
     passing = min(way, front)
     return veer * (0.5 * way * way - 0.25 * passing * passing), veer * (way - 0.5 * passing)

@@ -56,9 +56,10 @@ GATE_OFFSET, GATE_TURN = 0.75, math.radians(7.0)
 BACK_OFF = 0.85
 """m; distance of the chair's front from the wall from which the next try begins."""
 
-SLOW, SLOWEST, TIGHT = 0.22, 0.17, 0.08
-"""Shares of the swing to hold the stick ahead at a door, about 0.22 and 0.14 m/s, and the room [m] beside the chair up to which
-the latter counts."""
+SLOWEST, SLOW, PER_ROOM, TIGHT = 0.17, 0.22, 2.2, 0.08
+"""Shares of the swing to hold the stick ahead in a door and before one, at least, about 0.14 and 0.22 m/s; more by so much for each
+metre of room beside the chair: a nudge comes a second late, and the drift of that second has to fit. In a door that leaves less
+room [m] than the last the chair is slowed down by its error as well."""
 
 HELD_FROM = math.radians(0.8)
 """rad; nearer to the right course a hand's drift to neither side is passed on, farther off only one towards the course."""

@@ -17,6 +17,7 @@ from waychair.control.haptics.guide_numbers import (
     LEAST_ERROR,
     OBEYED_S,
     PASSED,
+    PER_ROOM,
     SLOW,
     SLOW_BEFORE,
     SLOWEST,
@@ -88,12 +89,13 @@ def _front(plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody,
     doors = [each for each in (step, *(following if near else ())) if each.door is not None]
     if not doors:
         return 1.0
-    cap = SLOW if min(door.room for door in doors) > TIGHT or doors[0] is not step else SLOWEST
+    room = min(door.room for door in doors)
+    cap = min(max(PER_ROOM * room, SLOWEST if doors[0] is step else SLOW), 1.0)
     if doors[0] is not step or state.phase is LeadingPhase.BACK:
         return cap
     if state.phase is LeadingPhase.TURN:
         return 0.0  # nearer to the door there would be less room to turn
-    if cap == SLOW and before_wall(step, along, body) < 0.0:
+    if room > TIGHT and before_wall(step, along, body) < 0.0:
         return cap  # the front is in a door that is wide enough for what is left of its error
     off = (abs(course_error(step, now, body, veer)) - LEAST_ERROR) / (STRAIGHT_ENOUGH - LEAST_ERROR)
     return cap + min(max(off, 0.0), 1.0) * (CREEPS - cap)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.course import before_wall, drift_in_door, led_against, off_aim
+from waychair.control.haptics.course import before_wall, off_aim, veered
 from waychair.control.haptics.guide import StepGuide
 from waychair.control.haptics.guide_numbers import (
     ALL,
@@ -21,13 +21,14 @@ from waychair.control.haptics.guide_numbers import (
     IN_VAIN,
     LOOK_AHEAD,
     OPEN_SWIVEL_FROM,
-    SLOW,
+    PER_ROOM,
 )
 from waychair.control.haptics.guide_types import Aim, GuideInputs, GuideState, GuideWord, LeadingPhase, Nudge, StickHold
 from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
+from waychair.geometry import wrap_angle
 from waychair.planning.route.legs import DoorPassage
 from waychair.planning.steps.door_steps import BEHIND, PIVOT_AHEAD, door_step
 from waychair.planning.steps.step import Step, StepKind, StepPlan, with_pivots
@@ -229,15 +230,26 @@ def test_a_driver_who_has_not_felt_that_a_leg_ends_is_held_where_the_turn_or_the
         assert fronts == [1.0, 0.0, 0.0]
 
 
-def test_a_chair_that_veers_is_aimed_beside_the_doors_middle_and_straightened_sooner() -> None:
+def arc(begin: Pose2, veer: float, way: float) -> Pose2:
+    """Return where a chair that veers is after a way ahead."""
+    turned = veer * way
+    return begin @ Pose2(math.sin(turned) / veer, (1.0 - math.cos(turned)) / veer, turned)
+
+
+@pytest.mark.parametrize("along", [-0.4, 0.2])
+def test_an_arc_of_a_chair_that_veers_leads_through_the_doors_middle(along: float) -> None:
     plan = through(DoorPassage(Pose2(4.0), 0.9))
-    at = next(k for k, step in enumerate(plan.steps) if step.door is not None)
-    step = plan.steps[at]
+    step = next(each for each in plan.steps if each.door is not None)
     assert step.door is not None
-    aims = {veer: off_aim(step, Pose2(0.5), CHAIR_A, veer) for veer in (-0.16, 0.0, 0.16)}
-    assert aims[0.0] == 0.0
-    assert aims[-0.16] == -aims[0.16] > math.radians(0.5)  # a chair that veers to the right is aimed to the left
-    assert drift_in_door(CHAIR_A, -0.16) == pytest.approx(-0.04 * CHAIR_A.front**2)
+    assert off_aim(step, Pose2(along), CHAIR_A, 0.0) == 0.0
+    veer, at = -0.1, (step.start.inverse() @ step.door.map_from_door).x
+    begin = Pose2(along, 0.0, off_aim(step, Pose2(along), CHAIR_A, veer))
+    way = at - along
+    passing = [arc(begin, veer, each) for each in (way - CHAIR_A.front, way)]
+    lines = [pose.y + (at - pose.x) * math.tan(pose.theta) for pose in passing]
+    assert 0.5 * sum(lines) == pytest.approx(0.0, abs=0.004)
+    _, turned = veered(veer, way, CHAIR_A.front)
+    assert begin.theta + turned == pytest.approx(0.5 * sum(pose.theta for pose in passing), abs=1e-3)
 
 
 def open_leg(length: float) -> StepPlan:
@@ -247,26 +259,26 @@ def open_leg(length: float) -> StepPlan:
 
 def test_an_arc_of_a_chair_that_veers_ends_on_the_open_leg() -> None:
     leg, veer = open_leg(8.0).steps[0], -0.12
-    begin = Pose2(1.0, 0.0, led_against(veer))
-    assert off_aim(leg, begin, CHAIR_A, veer) == pytest.approx(0.0, abs=1e-9)
-    turned = veer * LOOK_AHEAD
-    chord = math.sin(turned) / veer, (1.0 - math.cos(turned)) / veer
-    assert (begin @ Pose2(*chord)).y == pytest.approx(0.0, abs=0.005)
+    begin = Pose2(1.0, 0.0, off_aim(leg, Pose2(1.0), CHAIR_A, veer))
+    assert begin.theta > 0.0
+    assert arc(begin, veer, LOOK_AHEAD).y == pytest.approx(0.0, abs=0.005)
 
 
-def test_a_chair_is_turned_before_an_open_leg_so_far_that_its_veer_leads_back_to_it() -> None:
+@pytest.mark.parametrize("plan", [corner(), through(DoorPassage(Pose2(2.0, 3.0, math.pi / 2), 0.9))])
+def test_a_chair_is_turned_before_a_leg_or_a_door_so_far_that_its_veer_leads_back_to_it(plan: StepPlan) -> None:
     guide = StepGuide(CHAIR_A, RiderModel(veer_per_m=-0.12), DURATIONS)
-    plan = corner()
     turn = next(k for k, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT)
-    end = plan.steps[turn].end.theta
-    assert guide._begin(plan, turn, GuideState(), GuideInputs(0, Pose2(), Twist())).heading == pytest.approx(
-        end + led_against(-0.12)
+    against = wrap_angle(
+        guide._begin(plan, turn, GuideState(), GuideInputs(0, Pose2(), Twist())).heading - plan.steps[turn].end.theta
     )
+    assert math.radians(2.0) < against < math.radians(8.0)
+    assert off_aim(plan.steps[turn + 1], Pose2(0.0, 0.0, against), CHAIR_A, -0.12) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_chair_whose_veer_outruns_the_nudges_stays_near_an_open_leg() -> None:
+@pytest.mark.parametrize("length", [7.5, 9.0])
+def test_a_chair_whose_veer_outruns_the_nudges_stays_near_an_open_leg(length: float) -> None:
     rider = RiderModel(veer_per_m=-0.2, nudge=math.radians(1.0))
-    drive = driven(open_leg(8.0), PlainDriver(Pose2(), rider))
+    drive = driven(open_leg(length), PlainDriver(Pose2(), rider))
     assert drive.last.arrived
     assert abs(drive.driver.pose.y) < 0.25
     assert any(symbol is Symbol.SWIVEL_LEFT for _, symbol in drive.said)
@@ -289,7 +301,9 @@ def test_nudges_in_vain_end_in_a_turn_sooner_before_a_door_than_on_an_open_leg(
     assert word.advice.symbol is (Symbol.SWIVEL_LEFT if turns else Symbol.NUDGE_LEFT)
 
 
-@pytest.mark.parametrize(("ahead", "width", "front"), [(-0.3, 1.0, CREEPS), (0.2, 1.0, SLOW), (0.2, 0.75, CREEPS)])
+@pytest.mark.parametrize(
+    ("ahead", "width", "front"), [(-0.3, 1.0, CREEPS), (0.2, 1.0, PER_ROOM * 0.2), (0.2, 0.75, CREEPS)]
+)
 def test_a_chair_that_is_askew_creeps_before_a_door_and_in_a_tight_one_only(
     ahead: float, width: float, front: float
 ) -> None:
