@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.drive.straying import Straying
 from waychair.geometry import arc_lengths, compose, wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import HARD, TRACKED
@@ -23,14 +24,12 @@ from waychair.planning.route.legs import DoorPassage, PathLeg
 from waychair.planning.route.speed_profile import (
     RESERVE,
     curvatures,
-    faster_end,
     fastest_now,
     next_acceleration,
     speeds_along,
 )
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
-    ERROR_STANDING,
     MIN_SPEED,
     PERIOD,
     CommandedMotion,
@@ -73,11 +72,6 @@ FIRST_LOOK = 3.0
 _DOOR_ON_LINE, _EASES_OVER = 0.3, 1.0
 """[m] A door no farther from the line moves it; the line eases into its correction over the second length."""
 
-_STRAYS_STEP, _JUDGED_FROM, _FORGETS_OVER, _GENTLEST = 0.05, 0.1, 8.0, 3.0
-"""[s] Steps in which straying from the line per speed of the faster end counts; [m/s] the speed from which on it is judged; [m] the way over
-which it is forgotten. A chair that strays answers late, or not as foreseen: it returns to the line over up to so many times
-the distance, so that it does not swing about it."""
-
 _EASE = 0.5
 """Part of a change of the turn rate that is commanded at once. The pose ahead is foreseen with the last turn rate: all of it
 would be answered by its opposite in the next period."""
@@ -116,7 +110,7 @@ class WayFollower:
         self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
-        self._strays: float | None = None  # [s] distance from the line for each m/s of the faster end, once on it
+        self._straying = Straying(body, HEADING_TOLERANCE)
         self._profile: tuple[DwaSettings | None, float, FloatArray] = None, 0.0, np.zeros(0)
         self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 
@@ -156,7 +150,8 @@ class WayFollower:
         poses = self._corrected(odom_from_map, seen_doors)
         ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
         at = self._at(poses, ahead)
-        self._note_straying(self._at(poses, pose, keeps=False), abs(command.v))
+        here = self._at(poses, pose, keeps=False)
+        self._straying.note(poses, self._k or 0, here.lateral, here.heading, here.bend, abs(command.v))
         kept = replace(limits, tolerances=replace(limits.tolerances, heading=HEADING_TOLERANCE))
         tick = _Tick(poses, pose, ahead, command, at, distances, motion, odom_from_map.theta, fastest)
         result = self._with(self._body, replace(kept, clearance=TRACKED), tick)
@@ -223,22 +218,12 @@ class WayFollower:
         """Return (N,) [m/s] the speeds at the line's poses, with a stop at its end; computed when the limits change."""
         before, strayed, speeds = self._profile
         of_speed = replace(limits, clearance=HARD)  # no speed depends on it, and it changes within a tick
-        strays = _STRAYS_STEP * math.floor((self._strays or 0.0) / _STRAYS_STEP)
+        strays = self._straying.seconds
         if before != of_speed or strayed != strays:
             speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear, strays)
             speeds[-1] = 0.0
             self._profile = of_speed, strays, speeds
         return speeds
-
-    def _note_straying(self, at: _OnLine, speed: float) -> None:
-        """Note how far a chair that was on its line is off it now, at its middle and its ends, for the speed of its faster end."""
-        off = abs(at.lateral) + max(abs(at.heading) - HEADING_TOLERANCE, 0.0) * max(self._body.front, self._body.rear)
-        if self._strays is None:
-            self._strays = 0.0 if off < ERROR_STANDING and abs(at.heading) < HEADING_TOLERANCE else None
-        elif speed > _JUDGED_FROM:
-            kept = self._strays * (1.0 - speed * PERIOD / _FORGETS_OVER)
-            end_speed = speed * float(faster_end(np.array([at.bend]), self._body)[0])
-            self._strays = max(kept, (off - ERROR_STANDING) / end_speed)
 
     def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""
@@ -251,8 +236,7 @@ class WayFollower:
         """Return a speed [m/s] along the line, and the turn rate back onto it; the last one was `turns` [rad/s]."""
         v = self._gear * speed
         room = float(self._rooms[min(self._k or 0, len(self._rooms) - 1)])
-        gentler = min(max((self._strays or 0.0) / _STRAYS_STEP / 2, 1.0), _GENTLEST)
-        gain = 1.0 / max(gentler * float(np.interp(room, _ROOM, _RETURN)), _RETURN_S * speed)
+        gain = 1.0 / max(self._straying.gentler * float(np.interp(room, _ROOM, _RETURN)), _RETURN_S * speed)
         damping = float(np.interp(abs(at.lateral), (BESIDE, 2 * BESIDE), _DAMPING))
         pull = max(-_PULL, min(_PULL, gain * at.lateral)) * gain
         omega = v * at.bend * self._gear - v * pull - 2 * damping * speed * gain * at.heading

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -93,9 +94,10 @@ def costmap_in_bands(grid: OccupancyGrid, body: ChairBody, comfortable: float = 
     for first, after in ranges_of(0, height, max(1, _BAND_CELLS // max(width, 1))):
         above = min(first, beside)
         near = near_distances(fixed[first - above : after + beside], grid.resolution, reach)
-        clearance[first:after] = near[above : above + after - first]
+        band = slice(above, above + after - first), slice(None)
+        clearance[first:after] = near[band]
         added = _added_prices(replace(grid, cells=grid.cells[first:after]), ())
-        prices[first:after] = _priced(clearance[first:after], added, body, comfortable, grid.resolution)
+        prices[first:after] = _priced(near, band, added, body, comfortable, grid.resolution)
         yield
     return Costmap(prices, clearance, grid, body)
 
@@ -152,8 +154,9 @@ class LiveCostmap:
             self._solid = solid
             self._clearance = self._clearance.copy()  # earlier costmaps keep theirs
             self._prices = self._prices.copy()
-            for window in update_near(self._clearance, solid, changed, cell, self._reach):
-                self._prices[window] = self._priced(self._clearance[window], window)
+            for near in update_near(self._clearance, solid, changed, cell, self._reach):
+                window = _beside(near)
+                self._prices[window] = self._priced(self._clearance, window)
         cells = self._grid.cells
         if (solid & ~self._fixed).any():
             cells = cells.copy()
@@ -181,14 +184,16 @@ class LiveCostmap:
         away = near_distances(mask, self._grid.resolution, self._reach)
         beside = body.width / 2 - layer.half_width
         all_round = min(beside, body.front - layer.front, body.rear - layer.rear)
-        layer_prices = self._priced(away + np.float32(beside), near)
+        everywhere = (slice(None), slice(None))
+        added, cell = self._added[near], self._grid.resolution
+        layer_prices = _priced(away + np.float32(beside), everywhere, added, body, self._comfortable, cell)
         shut = (prices[near] == 0) | (layer_prices == 0)
         prices[near] = np.where(shut, 0, np.maximum(prices[near], layer_prices))
         clearance[near] = np.minimum(clearance[near], away + np.float32(all_round))
 
-    def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
+    def _priced(self, clearance: Float32Array, window: _Window) -> Prices:
         """Return the prices of a window's cells."""
-        return _priced(clearance, self._added[window], self._body, self._comfortable, self._grid.resolution)
+        return _priced(clearance, window, self._added[window], self._body, self._comfortable, self._grid.resolution)
 
 
 def _reach(body: ChairBody, comfortable: float) -> float:
@@ -196,15 +201,55 @@ def _reach(body: ChairBody, comfortable: float) -> float:
     return max(TOLD_APART, comfortable, body.circumscribed_radius)
 
 
-def _priced(clearance: Float32Array, added: Float32Array, body: ChairBody, comfortable: float, cell: float) -> Prices:
-    """Return the prices (H, W) of cells with these clearances [m] and prices without obstacles."""
-    needed = body.width / 2 + PLANNED + cell / 2
-    missing = (comfortable - clearance) / max(comfortable - needed, 1e-6)
+_Window: TypeAlias = tuple[slice, slice]
+"""Rows and columns of a part of a grid."""
+
+
+def _beside(window: _Window) -> _Window:
+    """Return a window with the cells beside it whose gaps it may have changed."""
+    rows, columns = window
+    return slice(max(rows.start - 2, 0), rows.stop + 2), slice(max(columns.start - 2, 0), columns.stop + 2)
+
+
+def _priced(
+    clearance: Float32Array, window: _Window, added: Float32Array, body: ChairBody, comfortable: float, cell: float
+) -> Prices:
+    """Return the prices (H, W) of a window's cells with these prices without obstacles, by the clearances [m] of the whole grid."""
+    needed = body.width / 2 + PLANNED + cell / 2 - 1e-5  # clearances are float32: a cell at just this distance passes
+    within = clearance[window]
+    missing = (comfortable - within) / max(comfortable - needed, 1e-6)
     prices = added + WALL_PRICE * np.clip(missing, 0.0, 1.0) ** 2
-    # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
-    prices[clearance < needed - 1e-5] = 0
+    narrow = within < needed
+    if narrow.any():
+        narrow &= ~_on_middle_line(clearance, window, needed, cell)
+    prices[narrow] = 0
     rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
     return rounded
+
+
+def _on_middle_line(clearance: Float32Array, window: _Window, needed: float, cell: float) -> BoolArray:
+    """Return which cells of a window have the middle line of a gap on their border, if it has the needed clearance [m] there.
+
+    Across a gap of an even number of cells the middle lies between two cells. The distances on both sides rise towards it, and go on
+    to rise for the half cell that is left.
+    """
+    top, left = window[0].start or 0, window[1].start or 0
+    height, width = clearance.shape
+    found = np.zeros(clearance[window].shape, np.bool_)
+    near = clearance[window]
+    rows, columns = np.nonzero((near >= needed - cell / 2) & (near < needed))
+    for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        i, j = rows + top, columns + left
+        inner = (i - abs(down) >= 0) & (j - abs(right) >= 0) & (i + abs(down) < height) & (j + abs(right) < width)
+        inner &= (i + 2 * down >= 0) & (j + 2 * right >= 0) & (i + 2 * down < height) & (j + 2 * right < width)
+        i, j = i[inner], j[inner]
+        here, there = clearance[i, j], clearance[i + down, j + right]
+        rise_here = here - clearance[i - down, j - right]
+        rise_there = there - clearance[i + 2 * down, j + 2 * right]
+        rises = (rise_here > 0.5 * cell) & (rise_there > 0.5 * cell)
+        middle = np.minimum(here + rise_here / 2, there + rise_there / 2)
+        found[rows[inner], columns[inner]] |= rises & (middle >= needed)
+    return found
 
 
 def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:

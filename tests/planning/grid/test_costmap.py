@@ -35,9 +35,28 @@ def corridor(width: float, resolution: float = 0.05, length: float = 4.0) -> Occ
     return OccupancyGrid(cells, resolution)
 
 
-@pytest.mark.parametrize(("width", "passable"), [(0.60, False), (0.65, False), (0.75, True), (0.80, True)])
+@pytest.mark.parametrize(
+    ("width", "passable"), [(0.60, False), (0.65, False), (0.70, True), (0.75, True), (0.80, True)]
+)
 def test_a_corridor_is_passable_from_the_width_of_the_chair_and_its_margins_on(width: float, passable: bool) -> None:
     assert bool((costmap_from_grid(corridor(width), CHAIR_A).prices[:, 40] > 0).any()) is passable
+
+
+@pytest.mark.parametrize("resolution", [0.02, 0.03, 0.05])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_corridor_of_any_number_of_cells_is_judged_by_its_width(resolution: float, turned: bool) -> None:
+    for count in range(round(0.55 / resolution), round(0.85 / resolution)):
+        grid = corridor(count * resolution, resolution)
+        cells = grid.cells.T.copy() if turned else grid.cells
+        prices = costmap_from_grid(OccupancyGrid(cells, resolution), CHAIR_A).prices
+        assert prices.any() == (count * resolution >= CHAIR_A.width + 2 * PLANNED - 1e-6)
+
+
+def test_beside_one_wall_no_cell_nearer_than_the_planned_clearance_is_passable() -> None:
+    cells = np.zeros((80, 60), np.int8)
+    cells[0] = 100
+    costmap = costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A)
+    assert (costmap.clearance[costmap.prices > 0] >= CHAIR_A.width / 2 + PLANNED + 0.025 - 1e-5).all()
 
 
 def test_a_wider_chair_needs_a_wider_corridor() -> None:
@@ -118,6 +137,20 @@ def test_an_updated_costmap_equals_a_new_one(seed: int) -> None:
         np.testing.assert_array_equal(now.grid.cells, anew.grid.cells)
 
 
+def on_middle_line(side: FloatArray, needed: float, cell: float) -> FloatArray:
+    """Return which cells have the middle of a gap on a border: the plain reference."""
+    found = np.zeros(side.shape, np.bool_)
+    height, width = side.shape
+    for i, j in np.argwhere((side < needed) & (side >= needed - cell / 2)).tolist():
+        for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            line = [(i + k * down, j + k * right) for k in (-1, 0, 1, 2)]
+            if all(0 <= row < height and 0 <= column < width for row, column in line):
+                a, b, c, d = (float(side[each]) for each in line)
+                rises = b - a > cell / 2 and c - d > cell / 2
+                found[i, j] |= rises and min(1.5 * b - 0.5 * a, 1.5 * c - 0.5 * d) >= needed
+    return found
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_a_change_at_some_heights_updates_the_costmap_like_a_new_one(seed: int) -> None:
@@ -138,7 +171,8 @@ def test_a_change_at_some_heights_updates_the_costmap_like_a_new_one(seed: int) 
     side = away + body.width / 2 - layer.half_width
     needed = body.width / 2 + PLANNED + grid.resolution / 2
     missing = np.clip((COMFORTABLE - side) / (COMFORTABLE - needed), 0.0, 1.0)
-    prices = np.where(side < needed - 1e-5, 0.0, 1000.0 + WALL_PRICE * missing**2)
+    narrow = (side < needed - 1e-5) & ~on_middle_line(side, needed - 1e-5, grid.resolution)
+    prices = np.where(narrow, 0.0, 1000.0 + WALL_PRICE * missing**2)
     expected = np.where((before.prices == 0) | (prices == 0), 0, np.maximum(before.prices, prices))
     np.testing.assert_allclose(after.prices, expected, atol=1.0)
 
