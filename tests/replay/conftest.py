@@ -25,7 +25,7 @@ def pytest_configure(config: pytest.Config) -> None:
         )
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def _coarse_arcs() -> Iterator[None]:
     """The references were recorded with few arcs per tick."""
     with coarse_arcs():
