@@ -31,9 +31,7 @@ class Straying:
         """`tolerance` [rad]: a smaller error of the heading is none."""
         self._reach, self._tolerance, self._body = max(body.front, body.rear), tolerance, body
         self._was_on_line = False
-        self._own = self._off = (
-            0.0  # [s] its straying, and how far off the line it is now, for each m/s of its faster end
-        )
+        self._own = self._off = 0.0  # [s] for each m/s of the faster end: what is remembered, and what it is now
         self._moved = 0.0  # [m] how far the line moved since the chair was last on it
         self._line: FloatArray | None = None
 
