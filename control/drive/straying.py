@@ -11,10 +11,9 @@ import math
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.geometry import wrap_angle
 from waychair.planning.route.speed_profile import faster_end
 from waychair.planning.window.motion_limits import ERROR_STANDING, PERIOD
-from waychair.types import FloatArray
+from waychair.types import FloatArray, Pose2
 
 JUDGED_FROM, FORGETS_OVER = 0.1, 8.0
 """[m/s] Speed from which straying is judged; [m] way over which it is forgotten."""
@@ -62,6 +61,5 @@ class Straying:
 
     def _shift(self, now: FloatArray, before: FloatArray) -> float:
         """Return how far [m] a pose of the line has moved aside, with what its turn moves the chair's farther end."""
-        (x, y), theta = (now - before)[:2], float(before[2])
-        aside = abs(y * np.cos(theta) - x * np.sin(theta))
-        return float(aside + abs(wrap_angle(now[2] - before[2])) * self._reach)
+        moved = Pose2(*before).inverse() @ Pose2(*now)
+        return abs(moved.y) + abs(moved.theta) * self._reach

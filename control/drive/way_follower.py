@@ -21,13 +21,7 @@ from waychair.planning.body.clearance import HARD, TRACKED
 from waychair.planning.body.footprint import along_arc, fits_each, footprint, free_time, in_cells
 from waychair.planning.route.leaving_a_wall import standing_body
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.speed_profile import (
-    RESERVE,
-    curvatures,
-    fastest_now,
-    next_acceleration,
-    speeds_along,
-)
+from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, next_acceleration, speeds_along
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,

@@ -133,9 +133,7 @@ class LiveCostmap:
         self._added = _added_prices(grid, zones)
         self._barred = _barred_directions(grid, zones)
         self._from_zones = _from_zones(grid, zones)
-        everywhere = (slice(None), slice(None))
-        self._prices = np.empty(grid.cells.shape, np.int32)
-        self._prices[everywhere] = self._priced(self._clearance, everywhere)
+        self._prices = self._priced(self._clearance, _EVERYWHERE)
 
     def costmap(
         self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
@@ -184,9 +182,8 @@ class LiveCostmap:
         away = near_distances(mask, self._grid.resolution, self._reach)
         beside = body.width / 2 - layer.half_width
         all_round = min(beside, body.front - layer.front, body.rear - layer.rear)
-        everywhere = (slice(None), slice(None))
         added, cell = self._added[near], self._grid.resolution
-        layer_prices = _priced(away + np.float32(beside), everywhere, added, body, self._comfortable, cell)
+        layer_prices = _priced(away + np.float32(beside), _EVERYWHERE, added, body, self._comfortable, cell)
         shut = (prices[near] == 0) | (layer_prices == 0)
         prices[near] = np.where(shut, 0, np.maximum(prices[near], layer_prices))
         clearance[near] = np.minimum(clearance[near], away + np.float32(all_round))
@@ -203,6 +200,8 @@ def _reach(body: ChairBody, comfortable: float) -> float:
 
 _Window: TypeAlias = tuple[slice, slice]
 """Rows and columns of a part of a grid."""
+
+_EVERYWHERE: _Window = slice(None), slice(None)
 
 
 def _beside(window: _Window) -> _Window:
@@ -233,22 +232,18 @@ def _on_middle_line(clearance: Float32Array, window: _Window, needed: float, cel
     Across a gap of an even number of cells the middle lies between two cells. The distances on both sides rise towards it, and go on
     to rise for the half cell that is left.
     """
-    top, left = window[0].start or 0, window[1].start or 0
-    height, width = clearance.shape
-    found = np.zeros(clearance[window].shape, np.bool_)
     near = clearance[window]
-    rows, columns = np.nonzero((near >= needed - cell / 2) & (near < needed))
-    for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        i, j = rows + top, columns + left
-        inner = (i - abs(down) >= 0) & (j - abs(right) >= 0) & (i + abs(down) < height) & (j + abs(right) < width)
-        inner &= (i + 2 * down >= 0) & (j + 2 * right >= 0) & (i + 2 * down < height) & (j + 2 * right < width)
-        i, j = i[inner], j[inner]
-        here, there = clearance[i, j], clearance[i + down, j + right]
-        rise_here = here - clearance[i - down, j - right]
-        rise_there = there - clearance[i + 2 * down, j + 2 * right]
-        rises = (rise_here > 0.5 * cell) & (rise_there > 0.5 * cell)
-        middle = np.minimum(here + rise_here / 2, there + rise_there / 2)
-        found[rows[inner], columns[inner]] |= rises & (middle >= needed)
+    found = np.zeros(near.shape, np.bool_)
+    cells = np.argwhere((near >= needed - cell / 2) & (near < needed))
+    corner = window[0].start or 0, window[1].start or 0
+    for onwards in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        # (4, N, 2): two cells on each side of the border
+        across = cells + corner + np.multiply.outer((-1, 0, 1, 2), onwards)[:, None]
+        inner = ((across >= 0) & (across < clearance.shape)).all(axis=(0, 2))
+        outer, here, there, beyond = clearance[tuple(np.moveaxis(across[:, inner], 2, 0))]
+        rises = np.minimum(here - outer, there - beyond) > cell / 2
+        middle = np.minimum(here + (here - outer) / 2, there + (there - beyond) / 2)
+        found[tuple(cells[inner].T)] |= rises & (middle >= needed)
     return found
 
 

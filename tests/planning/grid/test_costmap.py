@@ -24,7 +24,7 @@ from waychair.planning.grid.costmap import (
     costmap_in_bands,
 )
 from waychair.planning.route.global_planner import plan
-from waychair.types import FloatArray, OccupancyGrid, Pose2
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 
 def corridor(width: float, resolution: float = 0.05, length: float = 4.0) -> OccupancyGrid:
@@ -137,7 +137,7 @@ def test_an_updated_costmap_equals_a_new_one(seed: int) -> None:
         np.testing.assert_array_equal(now.grid.cells, anew.grid.cells)
 
 
-def on_middle_line(side: FloatArray, needed: float, cell: float) -> FloatArray:
+def on_middle_line(side: FloatArray, needed: float, cell: float) -> BoolArray:
     """Return which cells have the middle of a gap on a border: the plain reference."""
     found = np.zeros(side.shape, np.bool_)
     height, width = side.shape
