@@ -28,7 +28,7 @@ _GONE = -1  # node of a row that is free, or whose scan is to be removed
 TOLERANCE = 0.5
 """A scan is moved when the end of one of its beams is off by more than this [cells]."""
 
-BEAMS_PER_CALL = 20_000
+BEAMS_PER_CALL = 6_000
 """Beams that one call of `draw` adds or removes, so that no call takes long."""
 
 

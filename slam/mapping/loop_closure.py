@@ -62,8 +62,8 @@ _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid 
 _PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
 _LEAST_SHARED = 300  # surface points that both must know about
 _LONGEST_REST = 3  # times the length of a round of submaps: where the chair is on new ground, a round finds nothing
-_LOOKUPS = 10_000_000  # points that one piece of a search by partial overlap looks up in a grid, 20 ms
-_SUBMAP_LOOKUPS = 20_000_000  # points that one piece of a search of a submap looks up, 40 ms
+_LOOKUPS = 5_000_000  # points that one piece of a search by partial overlap looks up in a grid, 10 ms
+_SUBMAP_LOOKUPS = 6_000_000  # points that one piece of a search of a submap looks up, 12 ms
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -227,8 +227,9 @@ class LoopCloser:
         `recent` are the latest key scans in driving order. Of the longer searches, one piece is done with each key scan: a
         candidate by partial overlap, the pyramid of a submap, its search, or the verification of one place.
         """
+        before = self.counts["loops_proposed"]
         edges = self._loops_here(keys, recent)
-        if not edges:
+        if self.counts["loops_proposed"] == before:
             edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
         self.counts["loops_closed"] += len(edges)
         if edges:
