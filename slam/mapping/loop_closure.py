@@ -64,6 +64,7 @@ _LEAST_SHARED = 300  # surface points that both must know about
 _LONGEST_REST = 3  # times the length of a round of submaps: where the chair is on new ground, a round finds nothing
 _LOOKUPS = 5_000_000  # points that one piece of a search by partial overlap looks up in a grid, 10 ms
 _SUBMAP_LOOKUPS = 6_000_000  # points that one piece of a search of a submap looks up, 12 ms
+_TORN_PIECES = 3  # times as large are the pieces while parts of the map are apart
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -227,9 +228,8 @@ class LoopCloser:
         `recent` are the latest key scans in driving order. Of the longer searches, one piece is done with each key scan: a
         candidate by partial overlap, the pyramid of a submap, its search, or the verification of one place.
         """
-        before = self.counts["loops_proposed"]
         edges = self._loops_here(keys, recent)
-        if self.counts["loops_proposed"] == before:
+        if not edges:
             edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
         self.counts["loops_closed"] += len(edges)
         if edges:
@@ -355,7 +355,7 @@ class LoopCloser:
             self.counts["glimpses_tried"] += 1
             search.drawn_at = keys.pose(candidate.nearest)
             search.present = self._begin_overlap(keys, search.recent, candidate)
-        if not search.present.go_on(self._matching, _LOOKUPS):
+        if not search.present.go_on(self._matching, _piece(keys, _LOOKUPS)):
             return []
         found, search.present = search.present.found, None
         del search.waiting[0]
@@ -403,7 +403,7 @@ class LoopCloser:
             if not search.is_due():
                 return []
             submap = search.round.waiting[0][0]
-            if search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAP_LOOKUPS):
+            if search.round.search(keys.store, keys.poses, self._pyramids, _piece(keys, _SUBMAP_LOOKUPS)):
                 self.counts["submaps_searched"] += 1
                 self._submaps[submap] = True
             return []
@@ -462,6 +462,11 @@ class LoopCloser:
     def _agree(self, keys: KeyGraph, before: Find, now: Find) -> bool:
         """Return whether the motion between two finds equals the motion that was driven."""
         return _near(before.pose @ (keys.pose(before.node).inverse() @ keys.pose(now.node)), now.pose)
+
+
+def _piece(keys: KeyGraph, lookups: int) -> int:
+    """Return how many points a piece of a search looks up."""
+    return lookups * _TORN_PIECES if keys.is_torn else lookups
 
 
 def _find_of(keys: KeyGraph, edge: Edge) -> Find:
