@@ -10,6 +10,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.control.drive.doors.live_jambs import DoorWatch
+from waychair.control.drive.straying import Straying
 from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
 from waychair.geometry import arc_lengths, nearest_step, transform_points
 from waychair.maps.grid.distance_field import DistanceField
@@ -38,12 +39,14 @@ passes them at the second speed, from the third distance on."""
 class LegInput:
     """The input of a leg's drive in one tick, in odom: pose, last command, and obstacles.
 
+    `answered` is the pose at which a chair that answers late will have driven its late commands, else the pose itself.
     `seen` (N, 2) [m] are the points of this tick's scan, None without one. `unscanned` (M, 2) [m] are points that other
     sensors have seen; `layered` are those at the heights of one layer of the body. `local` makes the window of
     distances on request. `fastest` [m/s] is a limit from elsewhere. `motion` is that of the commands so far, `tracks` are the people to predict.
     """
 
     pose: Pose2
+    answered: Pose2
     command: Twist
     local: Callable[[], DistanceField]
     odom_from_map: Pose2
@@ -59,14 +62,17 @@ class LegInput:
 class LegDrive:
     """The drive along one leg, with its state from tick to tick."""
 
-    def __init__(self, leg: PathLeg, drawn: DrawnMap, body: ChairBody) -> None:
+    def __init__(self, leg: PathLeg, drawn: DrawnMap, body: ChairBody, straying: Straying | None = None) -> None:
+        """`straying`: the chair's on its lines before."""
         self.leg = leg
         self.in_position = False
         self._body = body
         self._openings: FloatArray | None = None
         self._drawn = drawn
         self._has_room: BoolArray | None = None
-        self._follower = WayFollower(leg, body, MAP_DOUBT * drawn.grid.resolution) if leg.rooms is not None else None
+        self._follower: WayFollower | None = None
+        if leg.rooms is not None:
+            self._follower = WayFollower(leg, body, straying, MAP_DOUBT * drawn.grid.resolution)
         self._watches = [(door, DoorWatch(Pose2(), door.width)) for door in self.leg.doors]
         self._near: DistanceField | None = None  # in map
         self._points: FloatArray | None = None  # in odom, of the latest scan
@@ -100,7 +106,7 @@ class LegDrive:
     def _by_window(self, view: LegInput, limits: DwaSettings) -> DwaResult:
         """Return the dynamic window's choice along a leg without room for a line."""
         return choose(
-            pose=view.pose,
+            pose=view.answered,
             command=view.command,
             path=Path(self.leg.poses_in(view.odom_from_map)),
             distances=view.local(),
@@ -127,7 +133,7 @@ class LegDrive:
         fastest = self._fastest(view, limits)
         choice = follower.step(
             odom_from_map=view.odom_from_map,
-            pose=view.pose,
+            pose=view.answered,
             command=view.command,
             distances=self._near_field(view, opening),
             limits=limits,
@@ -146,7 +152,7 @@ class LegDrive:
         if self.leg.backwards or len(rest) < 2:
             return choice
         return choose(
-            pose=view.pose,
+            pose=view.answered,
             command=view.command,
             path=Path(rest),
             distances=view.local(),

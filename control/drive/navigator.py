@@ -13,10 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.drive.answer_time import AnswerTime
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.granted_way import GrantedWay
-from waychair.control.drive.leg_drive import LegDrive, LegInput
+from waychair.control.drive.leg_drive import LegInput
 from waychair.control.drive.local_obstacles import Surroundings, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
 from waychair.control.drive.navigator_settings import NavigatorSettings
@@ -34,7 +35,8 @@ from waychair.control.drive.navigator_state import (
 from waychair.control.drive.path_making import PathMaker, or_another_goal
 from waychair.control.drive.planning import Planning
 from waychair.control.drive.recovery import Recovery
-from waychair.control.drive.way_follower import SCAN_NOISE
+from waychair.control.drive.straying import Straying
+from waychair.control.drive.way_follower import HEADING_TOLERANCE, SCAN_NOISE
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
@@ -88,7 +90,8 @@ class Navigator:
         self._surroundings = Surroundings(drawn, body, s.surroundings)
         self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
         self.recovery = Recovery(s.recovery)
-        self._plan, self._now = PlanState(), MotionState()
+        straying = Straying(body, HEADING_TOLERANCE, AnswerTime(body, s.dwa.reaction_time))
+        self._plan, self._now = PlanState(), MotionState(straying)
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._planning = Planning(self._maker, self._plan, self._now, self.recovery)
         self.granted = GrantedWay(body, self._plan, self._now)
@@ -258,6 +261,7 @@ class Navigator:
             self._planning.note_pose(now_ns, pose, odom_from_map)
         return LegInput(
             pose=odom_from_map @ pose,
+            answered=now.straying.answered(now.command, odom_from_map @ pose),
             command=now.command,
             local=lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
             odom_from_map=odom_from_map,
@@ -352,7 +356,7 @@ class Navigator:
 
     def _on_leg(self, view: LegInput, behind: bool) -> DwaResult:
         """Return the next command on the present leg."""
-        self._plan.leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
+        self._plan.leg = self._plan.leg or self._maker.drive_of(self._plan.legs[0])
         return self._plan.leg.step(view, self._limits_on(self._plan.leg.leg, behind))
 
     def _limits_on(self, leg: PathLeg, behind: bool) -> DwaSettings:
@@ -373,7 +377,7 @@ class Navigator:
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
+        leg = self._plan.leg or self._maker.drive_of(self._plan.legs[0])
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._plan.legs[1:])
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.control.drive.leg_drive import LegDrive
+from waychair.control.drive.straying import Straying
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.legs import PathLeg
@@ -183,9 +184,10 @@ class MotionState:
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
     `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there.
-    `gears`: the changes of gear on this drive.
+    `gears`: the changes of gear on this drive. `straying`: how far the chair strays from its lines.
     """
 
+    straying: Straying
     pose: Pose2 = field(default_factory=Pose2)
     map_from_odom: Pose2 = field(default_factory=Pose2)
     stepped_ns: int | None = None

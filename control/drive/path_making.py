@@ -32,7 +32,7 @@ from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import SPACING, check_goal
-from waychair.planning.route.legs import joined_legs
+from waychair.planning.route.legs import PathLeg, joined_legs
 from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
 from waychair.planning.route.way_making import turning_leg
 from waychair.planning.seen.forecast import arrival, meets_soon
@@ -133,10 +133,14 @@ class PathMaker:
             return
         if self._puts_off(now_ns, before, path.poses[:, :2], _all_points(upright, layered)):
             if mapped is not None and plan.other.offer is None:  # it drives up to the doorway first
-                plan.adopt(*mapped, LegDrive(mapped[1][0], self.drawn, self._body))
+                plan.adopt(*mapped, self.drive_of(mapped[1][0]))
             return
         legs = list(planner.legs)
-        plan.adopt(path, legs, LegDrive(legs[0], self.drawn, self._body))
+        plan.adopt(path, legs, self.drive_of(legs[0]))
+
+    def drive_of(self, leg: PathLeg) -> LegDrive:
+        """Return the drive along a leg, by a chair that strays as it has strayed so far."""
+        return LegDrive(leg, self.drawn, self._body, self._now.straying)
 
     def expects_people(self) -> bool:
         """Return whether anybody walks, or may soon walk, near the chair."""
@@ -194,7 +198,7 @@ class PathMaker:
         leg = turning_leg(self.drawn.costmap(upright, layered), self._now.pose, goal.target.theta)
         if leg is None:
             return False
-        self._plan.adopt(joined_legs((leg,)), [leg], LegDrive(leg, self.drawn, self._body))
+        self._plan.adopt(joined_legs((leg,)), [leg], self.drive_of(leg))
         return True
 
     def _cause_of(

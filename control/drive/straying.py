@@ -1,7 +1,8 @@
 """How far a chair strays from the line that it follows, for its speed: it decides how fast the chair may be beside things.
 
-A chair that answers late, or not as foreseen, strays. A line that moves under the chair, by what the scans show of a door or
-by a correction of the pose, is no fault of the chair's: what the line moved counts only until the chair is on it again.
+A chair that answers late (`answer_time.py`), or not as foreseen, strays. A line that moves under the chair, by what the
+scans show of a door or by a correction of the pose, is no fault of the chair's: what the line moved counts only until the
+chair is on it again.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ import math
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.drive.answer_time import AnswerTime
 from waychair.planning.route.speed_profile import faster_end
 from waychair.planning.window.motion_limits import ERROR_STANDING, PERIOD
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, Pose2, Twist
 
 JUDGED_FROM, FORGETS_OVER = 0.1, 8.0
 """[m/s] Speed from which straying is judged; [m] way over which it is forgotten."""
@@ -24,20 +26,35 @@ times the distance, so that it does not swing about it."""
 
 
 class Straying:
-    """The straying of one chair from one line, in odom, from tick to tick."""
+    """The straying of one chair from its lines, one after the other, in odom, from tick to tick."""
 
-    def __init__(self, body: ChairBody, tolerance: float) -> None:
-        """`tolerance` [rad]: a smaller error of the heading is none."""
+    def __init__(self, body: ChairBody, tolerance: float, answers: AnswerTime | None = None) -> None:
+        """`tolerance` [rad]: a smaller error of the heading is none. `answers`: by default it answers as foreseen."""
+        self._answers = answers
         self._reach, self._tolerance, self._body = max(body.front, body.rear), tolerance, body
+        self._own = 0.0  # [s] for each m/s of the faster end: what is remembered
+        self.begin_line()
+
+    def begin_line(self) -> None:
+        """Begin another line: how far the chair is off it at first is no fault of the chair's."""
         self._was_on_line = False
-        self._own = self._off = 0.0  # [s] for each m/s of the faster end: what is remembered, and what it is now
+        self._off = 0.0  # [s] what straying is now
         self._moved = 0.0  # [m] how far the line moved since the chair was last on it
         self._line: FloatArray | None = None
+
+    def answered(self, command: Twist, odom_from_base: Pose2) -> Pose2:
+        """Take in the last command and the pose of a tick; return where the chair will have driven the commands that it answers
+        late: the pose itself if it answers as foreseen."""
+        if self._answers is None:
+            return odom_from_base
+        self._answers.note(command, odom_from_base)
+        return self._answers.answered(odom_from_base)
 
     @property
     def seconds(self) -> float:
         """How far off the line the chair has to be expected, for each m/s of its faster end [s], in steps of `STEP`."""
-        return STEP * math.floor(max(self._own, self._off) / STEP)
+        late = 0.0 if self._answers is None else self._answers.late_s
+        return STEP * math.floor(max(self._own, self._off, late) / STEP + 1e-9)
 
     @property
     def gentler(self) -> float:

@@ -87,8 +87,9 @@ class _OnLine:
 class WayFollower:
     """The drive along the line of one leg, with its state from tick to tick; the line is in map."""
 
-    def __init__(self, leg: PathLeg, body: ChairBody, doubt: float = 0.0) -> None:
-        """`doubt` [m]: by so much the cells of a coarse map may reach beyond the true obstacles.
+    def __init__(self, leg: PathLeg, body: ChairBody, straying: Straying | None = None, doubt: float = 0.0) -> None:
+        """`straying`: the chair's on its lines before. `doubt` [m]: by so much the cells of a coarse map may reach beyond the
+        true obstacles.
 
         Raises:
             ValueError: the leg does not tell its room.
@@ -104,7 +105,8 @@ class WayFollower:
         self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
-        self._straying = Straying(body, HEADING_TOLERANCE)
+        self._straying = straying or Straying(body, HEADING_TOLERANCE)
+        self._straying.begin_line()
         self._profile: tuple[DwaSettings | None, float, FloatArray] = None, 0.0, np.zeros(0)
         self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 

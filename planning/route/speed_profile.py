@@ -18,7 +18,10 @@ ROOMS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.10, 0.13, 0.16)
 """[m] Clearances that are told apart along a line."""
 
 LEAST_SPEED = 0.15
-"""[m/s] A chair is no slower than this beside things."""
+"""[m/s] A chair is no slower than this beside things,"""
+
+MUCH_STRAYING = 0.2
+"""[s] unless it strays by more than this for each m/s: then it is not as its file says, and slower in proportion."""
 
 STEERING_SHARE = 0.7
 """Part of the turning speed and acceleration that a line may need; the rest corrects the chair's errors."""
@@ -76,7 +79,8 @@ def speeds_along(
     room = np.maximum(rooms, 0.0)
     free = rooms >= ROOMS[-1]
     per_speed = np.maximum(strays * faster_end(bends, body), ERROR_PER_SPEED)
-    near = np.maximum((room - ERROR_STANDING) / per_speed, LEAST_SPEED)
+    least = LEAST_SPEED * min(1.0, MUCH_STRAYING / max(strays, 1e-9))
+    near = np.maximum((room - ERROR_STANDING) / per_speed, least)
     return np.where(free, speed, np.minimum(speed, near))
 
 

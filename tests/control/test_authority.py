@@ -11,6 +11,7 @@ from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.authority import BEFORE_LINE, FREE, Authority, crosses, fastest_before
 from waychair.control.drive.granted_way import GrantedWay
 from waychair.control.drive.navigator_state import MotionState, PlanState
+from waychair.control.drive.straying import Straying
 from waychair.geometry import transform_points
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import FloatArray, Pose2
@@ -97,7 +98,7 @@ def test_a_chair_that_has_to_stand_has_no_way_left_with_a_line_or_without() -> N
 
 
 def test_a_granted_speed_is_kept_with_a_line_ahead_and_without() -> None:
-    way = GrantedWay(CHAIR_A, PlanState(), MotionState())
+    way = GrantedWay(CHAIR_A, PlanState(), MotionState(Straying(CHAIR_A, 0.03)))
     assert way.fastest(LIMITS) == math.inf
     way.authority = Authority(speed=0.3)
     assert way.fastest(LIMITS) == 0.3

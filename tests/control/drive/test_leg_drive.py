@@ -43,7 +43,9 @@ def driven(x: float, has_sonars: bool, speed: float = 0.8, manner: str = "line")
 
     pose, command = Pose2(x, MIDDLE, 0.0), Twist(speed, 0.0)
     for _ in range(20):
-        command = leg.step(LegInput(pose, command, local, Pose2(), None, has_sonars=has_sonars), DwaSettings()).twist
+        command = leg.step(
+            LegInput(pose, pose, command, local, Pose2(), None, has_sonars=has_sonars), DwaSettings()
+        ).twist
         pose = pose @ Pose2(command.v * 0.05, 0.0, command.omega * 0.05)
     return command.v
 

@@ -70,3 +70,12 @@ def test_a_chair_returns_to_its_line_gently_but_not_without_end() -> None:
     straying = on_line()
     straying.note(line(), 0, 2.0, 0.0, 0.0, SPEED)
     assert straying.gentler == GENTLEST
+
+
+def test_a_chair_strays_from_its_next_line_too_but_not_for_beginning_beside_it() -> None:
+    straying = on_line()
+    straying.note(line(), 0, 0.07, 0.0, 0.0, SPEED)
+    straying.begin_line()
+    assert straying.seconds == pytest.approx(0.1)
+    straying.note(line(0.5), 0, 0.2, 0.0, 0.0, SPEED)
+    assert straying.seconds == pytest.approx(0.1, abs=STEP)

@@ -76,11 +76,11 @@ def test_no_speed_ahead_is_exceeded_and_the_jerk_is_kept(stations: list[float], 
     assert v < 0.15
 
 
-def speeds_of(line: FloatArray, room: float, backwards: bool = False) -> FloatArray:
+def speeds_of(line: FloatArray, room: float, backwards: bool = False, strays: float = 0.0) -> FloatArray:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
     bends = np.gradient(np.unwrap(line[:, 2]), along)
     rooms = np.full(len(line), room)
-    return speeds_along(bends, rooms, along, CHAIR_A, LIMITS, -1.0 if backwards else 1.0)
+    return speeds_along(bends, rooms, along, CHAIR_A, LIMITS, -1.0 if backwards else 1.0, strays)
 
 
 def arc(radius: float) -> FloatArray:
@@ -100,6 +100,13 @@ def test_beside_things_the_chair_is_slower_the_less_room_there_is() -> None:
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] == pytest.approx(0.15)
     assert speeds_of(arc(1e6), 0.16, backwards=True)[20] == LIMITS.max_reverse
+
+
+def test_a_chair_that_strays_is_slower_beside_things_and_below_the_least_speed_of_one_as_its_file_says() -> None:
+    speeds = [speeds_of(arc(1e6), 0.06, strays=strays)[20] for strays in (0.1, 0.2, 0.4, 0.8)]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[1] >= 0.15 > speeds[2] > speeds[3] > 0.03
+    assert speeds_of(arc(1e6), 0.16, strays=0.8)[20] == LIMITS.max_speed
 
 
 def test_the_predicted_time_of_a_straight_drive_is_that_of_its_profile() -> None:
