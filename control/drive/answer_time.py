@@ -24,7 +24,7 @@ UNPROVEN_S = 0.3
 FORGETS_S = 4.0
 """[s] of motion over which the comparison is forgotten."""
 
-LATE_FROM, TELLING, CLEARER = 2, 4, 0.4
+LATE_FROM, TELLING, CLEARER = 3, 3, 0.4
 """[ticks] A chair is late from the first on, if its motion fits the commands of so much longer ago, and they leave at most the
 last share of what the foreseen ones leave unexplained. It is in time if foreseen ones leave no more of what those leave that
 are late by the first and the second together."""

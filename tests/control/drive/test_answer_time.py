@@ -44,7 +44,7 @@ def test_a_chair_as_its_file_says_is_not_late_and_shows_it_within_a_second(gain:
     assert driven(0.0, gain=gain).late_s == 0.0
 
 
-@pytest.mark.parametrize("late_s", [0.15, 0.25, 0.4])
+@pytest.mark.parametrize("late_s", [0.2, 0.3, 0.4])
 def test_a_late_chair_is_noticed(late_s: float) -> None:
     assert driven(late_s, seconds=1.5).late_s > 0.0
     assert driven(late_s).late_s == pytest.approx(late_s, abs=PERIOD + 1e-9)
