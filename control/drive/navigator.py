@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.drive.answer_time import AnswerTime
+from waychair.control.answer_time import AnswerTime
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.granted_way import GrantedWay
@@ -49,7 +49,7 @@ from waychair.planning.route.legs import PathLeg
 from waychair.planning.route.rooms import prepare_outlines
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
-from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, crawling, stopping
+from waychair.planning.window.motion_limits import PERIOD, CommandedMotion, DwaSettings, braking, crawling, stopping
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -90,7 +90,7 @@ class Navigator:
         self._surroundings = Surroundings(drawn, body, s.surroundings)
         self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
         self.recovery = Recovery(s.recovery)
-        straying = Straying(body, HEADING_TOLERANCE, AnswerTime(body, s.dwa.reaction_time))
+        straying = Straying(body, HEADING_TOLERANCE, AnswerTime(body.track, s.dwa.reaction_time + PERIOD))
         self._plan, self._now = PlanState(), MotionState(straying)
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._planning = Planning(self._maker, self._plan, self._now, self.recovery)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.drive.answer_time import AnswerTime
+from waychair.control.answer_time import AnswerTime
 from waychair.planning.route.speed_profile import faster_end
 from waychair.planning.window.motion_limits import ERROR_STANDING, PERIOD
 from waychair.types import FloatArray, Pose2, Twist
@@ -47,13 +47,13 @@ class Straying:
         late: the pose itself if it answers as foreseen."""
         if self._answers is None:
             return odom_from_base
-        self._answers.note(command, odom_from_base)
+        self._answers.note_pose(command, odom_from_base)
         return self._answers.answered(odom_from_base)
 
     @property
     def seconds(self) -> float:
         """How far off the line the chair has to be expected, for each m/s of its faster end [s], in steps of `STEP`."""
-        late = 0.0 if self._answers is None else self._answers.late_s
+        late = 0.0 if self._answers is None else self._answers.may_be_late_s
         return STEP * math.floor(max(self._own, self._off, late) / STEP + 1e-9)
 
     @property

@@ -59,6 +59,10 @@ class ExpectedSpeed:
         """The command in effect, after the delay and before the ramp."""
         return self._in_effect
 
+    def answer_by(self, response: AxisResponse) -> None:
+        """Go on by another response; commands on the way take effect by its delay."""
+        self._response = response
+
     def restart(self, speed: float, in_effect: float) -> None:
         """Start again from a speed, with a command already in effect."""
         self._speed, self._ramped, self._in_effect = speed, speed, in_effect

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from waychair.calibration.fits.dac import DacModel
 from waychair.calibration.fits.stopping import StopTable
+from waychair.control.answer_time import AnswerTime
 from waychair.control.speed.following_faults import FollowingWatch
 from waychair.control.speed.gain_watch import GainWatch
 from waychair.control.speed.kinematics import twist_from_wheel_speeds
@@ -33,6 +34,7 @@ class ClosedLoop:
         self._response = chair_response(model, stops)
         self._track = track
         self._loop = SpeedLoop(settings, track, self._response)
+        self._answers, self._late_s = AnswerTime(track, 0.0), 0.0  # beside the answers that the response expects
         self.acknowledge()
 
     @property
@@ -90,6 +92,7 @@ class ClosedLoop:
         steady = held and not self._loop.waiting and not self._loop.casters_swing
         # a chair that stands although it is commanded to drive is stuck, not slow
         self._gain_watch.step(sent_twist, measured, now_ns, judged=steady and self._loop.moves(measured))
+        self._note_answer(measured if steady else None)
         self._signs.step(self._gain_watch.expected, wheels, now_ns, judged=steady)
         if not held:
             self._following.released()
@@ -100,6 +103,13 @@ class ClosedLoop:
             self._following.driving(sent_twist, expected, measured, now_ns)
         self._fault = self._fault or self._found()
         return Twist() if self.fault else twist
+
+    def _note_answer(self, measured: Twist | None) -> None:
+        """Compare the motion with what was sent, so that the loop takes no late answer for a lack of speed."""
+        self._answers.note(self._gain_watch.expected, measured)
+        if self._answers.late_s != self._late_s:
+            self._late_s = self._answers.late_s
+            self._loop.answer_late(self._late_s)
 
     def _found(self) -> str:
         """Return the fault of this tick by its cause: wrong encoders also look like a stuck chair or another gain."""

@@ -9,7 +9,7 @@ the line.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from waychair.calibration.fits.dac import DacModel
 from waychair.calibration.fits.fitted_dac import DeadBand, FittedDac
@@ -150,10 +150,16 @@ class _Axis:
         self.integral = 0.0
         self.mean = 0.0
         self._expected = ExpectedSpeed(response)
-        self._limit = limit
-        self._quantum = quantum
+        self._response, self._limit, self._quantum = response, limit, quantum
         self._asked = (0.0, 0.0, 0)  # reference, with its trim, at [ns]
         self._shortfall = 0.0
+
+    def answer_late(self, late_s: float) -> None:
+        """Expect the chair's answers so much later than its response says, and forget the trim that the wrong expectation left."""
+        self.integral = 0.0
+        late = replace(self._response, delay_s=self._response.delay_s + late_s)
+        self.gains = gains_of(late)
+        self._expected.answer_by(late)
 
     def advance(self, now_ns: int, sent: float | None) -> None:
         """Advance the expected mean speed over the last tick, given the speed that was `sent` then.
@@ -220,6 +226,12 @@ class SpeedLoop:
     def casters_swing(self) -> bool:
         """Whether the casters may still be swinging round after a reversal."""
         return self._casters_swing_m > 0.0
+
+    def answer_late(self, late_s: float) -> None:
+        """Expect the chair's answers so much later than its response says, from the next step on."""
+        for axis in (self._forward, self._turn):
+            axis.answer_late(late_s)
+        self._line.gains = self._turn.gains
 
     def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
         """Return the command plus its trims; a command of None means that nobody drives, and resets the loop.
@@ -324,7 +336,7 @@ class _Line:
     """The line on which a straight drive began, kept by integrating the missed turn rates."""
 
     def __init__(self, turn_gains: Gains) -> None:
-        self._gains = turn_gains
+        self.gains = turn_gains
         self.forget()
 
     def forget(self) -> float:
@@ -338,8 +350,8 @@ class _Line:
         self._heading += missed * seconds
         self._right += v * math.sin(self._heading) * seconds
         # The extra heading leads back to the line; backwards it has the other sign.
-        back = math.copysign(self._gains.line / max(abs(v), _LEAST_V), v) * self._right
-        return _limited(self._gains.heading * (self._heading + _limited(back, LINE_ANGLE)), HOLD_OMEGA)
+        back = math.copysign(self.gains.line / max(abs(v), _LEAST_V), v) * self._right
+        return _limited(self.gains.heading * (self._heading + _limited(back, LINE_ANGLE)), HOLD_OMEGA)
 
 
 def _is_straight(command: Twist) -> bool:

@@ -1,7 +1,8 @@
 """How late a chair answers its commands: by its own motion, compared with the commands of the last moments.
 
 A chair that answers later than its file says still drives what it was told before. Where it will be once it has done that
-follows from those commands, so it is steered from there, as any other chair from where it stands.
+follows from those commands, so it is steered from there, as any other chair from where it stands. A loop that took the delay
+for a lack of speed would add what comes anyway.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from collections import deque
 
 import numpy as np
 
-from waychair.calibration.chair_body import ChairBody
 from waychair.planning.body.footprint import along_arc
 from waychair.planning.window.motion_limits import PERIOD
 from waychair.types import Pose2, Twist
@@ -42,10 +42,10 @@ _MOVES = 0.02
 class AnswerTime:
     """The commands of the last moments, and how much of the motion they leave unexplained by their age, from tick to tick."""
 
-    def __init__(self, body: ChairBody, reaction_s: float) -> None:
-        """`reaction_s` [s]: from a command to the chair's motion, as foreseen."""
-        self._half_track = body.track / 2
-        self._foreseen = round(reaction_s / PERIOD) + 1  # ticks; one until the chair has the command
+    def __init__(self, track: float, foreseen_s: float) -> None:
+        """`track` [m] between the drive wheels; `foreseen_s` [s] from a command's first tick to the chair's motion."""
+        self._half_track = track / 2
+        self._foreseen = round(foreseen_s / PERIOD)  # ticks
         ages = self._foreseen + round(LATEST_S / PERIOD) + 1
         self._commands: deque[Twist] = deque([Twist()] * ages, ages)  # the latest first
         self._unexplained = np.zeros(ages)  # [m^2/s] by the commands' age in ticks
@@ -56,20 +56,30 @@ class AnswerTime:
 
     @property
     def late_s(self) -> float:
-        """By how much later [s] than foreseen the chair answers, or may answer until it has shown it."""
-        return self._late * PERIOD if self._is_known else UNPROVEN_S
+        """By how much later [s] than foreseen the chair answers, as far as it has shown it."""
+        return self._late * PERIOD
 
-    def note(self, command: Twist, odom_from_base: Pose2) -> None:
+    @property
+    def may_be_late_s(self) -> float:
+        """By how much later [s] the chair answers, or may answer until it has shown it."""
+        return self.late_s if self._is_known else UNPROVEN_S
+
+    def note_pose(self, command: Twist, odom_from_base: Pose2) -> None:
         """Take in a tick: the last command, and the pose now."""
-        before, self._before = self._before, odom_from_base
+        step = Pose2() if self._before is None else self._before.inverse() @ odom_from_base
+        self._before = odom_from_base
+        jumps = max(abs(step.x), abs(step.y), abs(step.theta)) > MOST_PER_STEP
+        self.note(command, None if jumps else Twist(step.x / PERIOD, step.theta / PERIOD))
+
+    def note(self, command: Twist, measured: Twist | None) -> None:
+        """Take in a tick: the last command, and the mean motion since the tick before, None if it tells nothing."""
         self._commands.appendleft(command)
-        if before is None:
+        if measured is None:
             return
-        step = before.inverse() @ odom_from_base
-        if max(abs(step.x), abs(step.y), abs(step.theta)) > MOST_PER_STEP:
-            return
-        motion = np.array([step.x, self._half_track * step.theta]) / PERIOD
+        motion = np.array([measured.v, self._half_track * measured.omega])
         told = np.array([(each.v, self._half_track * each.omega) for each in self._commands])
+        if not (np.isfinite(motion).all() and np.isfinite(told).all()):
+            return
         if max(np.abs(motion).max(), np.abs(told).max()) < _MOVES:
             return
         kept = 1.0 - PERIOD / FORGETS_S

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.drive.answer_time import UNPROVEN_S, AnswerTime
+from waychair.control.answer_time import UNPROVEN_S, AnswerTime
 from waychair.planning.body.footprint import along_arc
 from waychair.planning.window.motion_limits import PERIOD
 from waychair.types import Pose2, Twist
@@ -25,7 +25,7 @@ def way_of_commands(seconds: float) -> list[Twist]:
 
 def driven(late_s: float, seconds: float = 4.0, gain: float = 1.0, watch: AnswerTime | None = None) -> AnswerTime:
     """The watch of a chair that answers so much later than its file says, with a lag and noise of the odometry."""
-    rng, watch = np.random.default_rng(1), watch or AnswerTime(CHAIR_A, REACTION_S)
+    rng, watch = np.random.default_rng(1), watch or AnswerTime(CHAIR_A.track, REACTION_S + PERIOD)
     pose, speed = Pose2(), np.zeros(2)
     on_the_way = deque([Twist()] * round((REACTION_S - LAG_S / 2 + late_s) / PERIOD))
     for command in [Twist(), *way_of_commands(seconds)]:
@@ -34,7 +34,7 @@ def driven(late_s: float, seconds: float = 4.0, gain: float = 1.0, watch: Answer
         speed += (gain * np.array([acting.v, acting.omega]) - speed) * PERIOD / LAG_S
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, *speed.tolist(), PERIOD))
         noise = rng.normal(0.0, (2e-4, 0.0, 4e-4))
-        watch.note(command, pose @ Pose2(*noise.tolist()))
+        watch.note_pose(command, pose @ Pose2(*noise.tolist()))
     return watch
 
 
@@ -51,10 +51,10 @@ def test_a_late_chair_is_noticed(late_s: float) -> None:
 
 
 def test_a_chair_that_has_not_moved_yet_may_be_late() -> None:
-    watch = AnswerTime(CHAIR_A, REACTION_S)
+    watch = AnswerTime(CHAIR_A.track, REACTION_S + PERIOD)
     for _ in range(40):
-        watch.note(Twist(), Pose2())
-    assert watch.late_s == UNPROVEN_S
+        watch.note_pose(Twist(), Pose2())
+    assert (watch.late_s, watch.may_be_late_s) == (0.0, UNPROVEN_S)
     assert watch.answered(Pose2(1.0, 2.0, 0.3)) == Pose2(1.0, 2.0, 0.3)
 
 
@@ -79,5 +79,5 @@ def test_a_chair_that_answers_in_time_again_is_no_longer_late() -> None:
 
 def test_a_jump_of_the_odometry_tells_nothing() -> None:
     watch = driven(0.0)
-    watch.note(Twist(0.4, 0.0), Pose2(50.0, 3.0, 1.0))
+    watch.note_pose(Twist(0.4, 0.0), Pose2(50.0, 3.0, 1.0))
     assert watch.late_s == 0.0
