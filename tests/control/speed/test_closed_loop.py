@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import pytest
 
@@ -63,3 +64,27 @@ def test_without_a_driver_there_is_no_motion_and_a_riders_motion_is_no_fault() -
     for k in range(100):
         assert loop.step(None, Twist(0.9, 1.0), k * TICK, sent(Twist(), active=False)) == Twist()
     assert (loop.fault, loop.gains) == ("", (1.0, 1.0))
+
+
+def most_trim(loop: ClosedLoop, late_ticks: int) -> float:
+    """Return the largest trim [rad/s] of a turn to and fro, after two of them, of a chair that answers so many ticks late."""
+    told: SentCommand | None = None
+    on_the_way = deque([Twist()] * late_ticks)
+    v = omega = most = 0.0
+    for k in range(400):
+        command = Twist(0.3, 0.5 * math.sin(math.tau * k / 100))
+        asked = loop.step(command, Twist(v, omega), k * TICK, told)
+        told = sent(asked)
+        on_the_way.append(asked)
+        acting = on_the_way.popleft()
+        v, omega = v + 0.25 * (acting.v - v), omega + 0.25 * (acting.omega - omega)
+        if k >= 200:
+            most = max(most, abs(asked.omega - command.omega))
+    assert loop.fault == ""
+    return most
+
+
+def test_a_late_answer_is_not_taken_for_a_lack_of_speed() -> None:
+    in_time, late = most_trim(ClosedLoop(DEFAULT, TRACK), 1), most_trim(ClosedLoop(DEFAULT, TRACK), 8)
+    assert in_time < 0.03
+    assert late < 0.03  # 0.19 where the delay counts as a lack of speed
