@@ -25,9 +25,9 @@ FORGETS_S = 4.0
 """[s] of motion over which the comparison is forgotten."""
 
 LATE_FROM, TELLING, CLEARER = 3, 3, 0.4
-"""[ticks] A chair is late from the first on, if its motion fits the commands of so much longer ago, and they leave at most the
-last share of what the foreseen ones leave unexplained. It is in time if foreseen ones leave no more of what those leave that
-are late by the first and the second together."""
+"""[ticks], [ticks], share. A chair is late from the first on, if commands that much older than foreseen leave at most the share of
+the motion unexplained that the foreseen ones leave. It is in time if the foreseen ones, or younger ones, leave at most the share
+of what is left by those that are older by the first and the second together."""
 
 LEAST_MOTION = 0.05
 """[m] Way of both wheels, of the time that is remembered, from which a chair is judged."""
@@ -100,6 +100,7 @@ class AnswerTime:
         left, late = self._unexplained, self._foreseen + LATE_FROM
         best = int(np.argmin(left))
         if best >= late and left[best] <= CLEARER * left[self._foreseen]:
-            self._late, self._is_known = best - self._foreseen, True
+            found = best - self._foreseen
+            self._late, self._is_known = found if abs(found - self._late) > 1 else self._late, True
         elif left[:late].min() <= CLEARER * left[max(self._foreseen + self._late, late + TELLING)]:
             self._late, self._is_known = 0, True
