@@ -242,7 +242,8 @@ class Navigator:
         now = self._now
         now.pose, now.map_from_odom = pose, odom_from_map.inverse()
         now.note_tick(now_ns, self._dwa)
-        now.note_place(now_ns, odom_from_map @ pose)
+        odom_from_base = odom_from_map @ pose
+        now.note_place(now_ns, odom_from_base)
         if obstacles is not None:
             now.local = None
             obstacles = without_mixed_pixels(obstacles, pose @ self._body.base_from_laser)
@@ -260,15 +261,15 @@ class Navigator:
         if self.active and self._stage is not Stage.PAUSED:
             self._planning.note_pose(now_ns, pose, odom_from_map)
         return LegInput(
-            pose=odom_from_map @ pose,
-            answered=now.straying.answered(now.command, odom_from_map @ pose),
+            pose=odom_from_base,
+            answered=now.straying.answered(now.command, odom_from_base),
             command=now.command,
             local=lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
             odom_from_map=odom_from_map,
             seen=None if obstacles is None else transform_points(odom_from_map, obstacles),
             unscanned=transform_points(odom_from_map, self._surroundings.unscanned()),
             motion=None if now.jumping else now.motion,  # after a jump, braking is not limited for comfort
-            tracks=self._people.predicted(now_ns, odom_from_map @ pose),
+            tracks=self._people.predicted(now_ns, odom_from_base),
             has_sonars=self._surroundings.has_sonars,
             layered=tuple(
                 (layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.in_narrow_layers()

@@ -106,7 +106,6 @@ class WayFollower:
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
         self._straying = straying or Straying(body, HEADING_TOLERANCE)
-        self._straying.begin_line()
         self._profile: tuple[DwaSettings | None, float, FloatArray] = None, 0.0, np.zeros(0)
         self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 
@@ -143,6 +142,8 @@ class WayFollower:
         `seen_doors`: doors with their measured odom_from_door. `fastest` [m/s] is a limit from elsewhere. On the line the
         narrow margin is kept if the wide one blocks; a chair that seems to touch a mapped obstacle comes no nearer to it.
         """
+        if self._k is None:
+            self._straying.begin_line()
         poses = self._corrected(odom_from_map, seen_doors)
         ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
         at = self._at(poses, ahead)
