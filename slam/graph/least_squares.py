@@ -17,6 +17,7 @@ from waychair.errors import GraphError
 from waychair.geometry import compose, invert
 from waychair.slam.graph.block_cholesky import BlockCholesky, Structure, structure_of
 from waychair.slam.graph.edges import EdgeArrays, chi_square
+from waychair.slam.graph.piecewise import Piecewise, finished
 from waychair.types import BoolArray, FloatArray, IntArray
 
 _PLAIN, _HUBER, _SWITCHED = 0, 1, 2  # kernels of an edge: none, Huber's, dynamic covariance scaling
@@ -52,12 +53,18 @@ class PoseGraphProblem:
         Raises:
             GraphError: the equations cannot be solved.
         """
+        return finished(self.solving(poses, weights, iterations, damped))
+
+    def solving(
+        self, poses: FloatArray, weights: FloatArray | None = None, iterations: int = 50, damped: bool = True
+    ) -> Piecewise[FloatArray]:
+        """Return the work of `solve`, a step at a time."""
         each = np.ones(len(self.edges)) if weights is None else weights
         kernels = np.where(each == 1.0, self._kernels, _PLAIN)
         return self._optimised(poses, each, kernels, 0.0, iterations, damped)
 
-    def solve_switchable(self, poses: FloatArray, scale: float, iterations: int = 50) -> FloatArray:
-        """Return poses (N, 3) with each loop weighted down by its own residual.
+    def solving_switchable(self, poses: FloatArray, scale: float, iterations: int = 50) -> Piecewise[FloatArray]:
+        """Return the work towards the poses (N, 3) with each loop weighted down by its own residual, a step at a time.
 
         This is dynamic covariance scaling (Agarwal et al., ICRA 2013, eq. 15), the closed form of switchable
         constraints. A loop with a chi-square below `scale` has full weight.
@@ -69,21 +76,14 @@ class PoseGraphProblem:
         """Return the sum over all edges of their chi-squares under the kernels."""
         return 2.0 * self._cost(poses, np.ones(len(self.edges)), self._kernels, 0.0)
 
-    def innovations(self, poses: FloatArray, weights: FloatArray, wanted: IntArray) -> FloatArray:
-        """Return the chi-square (K,) of the innovation of each wanted edge against the solution of the weighted others.
-
-        Unlike the residual it accounts for the uncertainty between the two nodes: to first order, it is the cost of
-        adding the edge.
-
-        Raises:
-            numpy.linalg.LinAlgError: the weighted edges leave nodes loose.
-        """
-        return self.innovations_and_volumes(poses, weights, wanted)[0]
-
-    def innovations_and_volumes(
+    def innovations(
         self, poses: FloatArray, weights: FloatArray, wanted: IntArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the innovations (K,) of `innovations`, and the volume (K,) [m^2 rad] of the unit ellipsoid of each.
+    ) -> Piecewise[tuple[FloatArray, FloatArray]]:
+        """Work out the chi-square (K,) of the innovation of each wanted edge against the solution of the weighted others,
+        and the volume (K,) [m^2 rad] of its unit ellipsoid.
+
+        Unlike the residual, the innovation accounts for the uncertainty between the two nodes: to first order, it is the
+        cost of adding the edge.
 
         Raises:
             numpy.linalg.LinAlgError: the weighted edges leave nodes loose.
@@ -95,6 +95,7 @@ class PoseGraphProblem:
             expected = np.eye(3) + share
             found[k] = away @ np.linalg.solve(expected, away)
             volumes[k] = 4.0 / 3.0 * math.pi * math.sqrt(np.linalg.det(expected))
+            yield len(poses)
         return found, volumes / np.sqrt(np.linalg.det(self.edges.information[wanted]))
 
     def group_innovations(self, poses: FloatArray, weights: FloatArray, groups: Sequence[IntArray]) -> FloatArray:
@@ -174,8 +175,8 @@ class PoseGraphProblem:
 
     def _optimised(
         self, poses: FloatArray, weights: FloatArray, kernels: IntArray, scale: float, iterations: int, damped: bool
-    ) -> FloatArray:
-        """Return the poses after so many steps, or fewer where a step gains next to nothing."""
+    ) -> Piecewise[FloatArray]:
+        """Work out the poses after so many steps, or fewer where a step gains next to nothing."""
         present, damping = poses.copy(), _FIRST_DAMPING if damped else 0.0
         cost = self._cost(present, weights, kernels, scale)
         for _ in range(iterations if len(poses) > 1 else 0):
@@ -199,6 +200,7 @@ class PoseGraphProblem:
                 damping *= _DAMPING_STEP
             if not math.isfinite(cost):
                 raise unsolvable(poses)
+            yield len(poses)
             least = max(_LEAST_GAIN * before, _LEAST_GAIN)
             if before - cost <= least or (damped and unforeseen <= _FORESEEN * least):
                 break

@@ -17,6 +17,7 @@ import numpy as np
 from waychair.slam.graph.block_cholesky import structure_of
 from waychair.slam.graph.edges import EdgeArrays, chi_square, residuals
 from waychair.slam.graph.least_squares import PoseGraphProblem, joined_weights
+from waychair.slam.graph.piecewise import Piecewise
 from waychair.types import BoolArray, FloatArray
 
 MOST_WORK = 1e7
@@ -54,8 +55,10 @@ def is_too_dense(edges: EdgeArrays, count: int) -> bool:
     return False
 
 
-def credible_loops(problem: PoseGraphProblem, poses: FloatArray, solved_before: bool) -> tuple[FloatArray, BoolArray]:
-    """Return the poses (N, 3) with the credible loops, and the mask (E,) of those and all other edges.
+def credible_loops(
+    problem: PoseGraphProblem, poses: FloatArray, solved_before: bool
+) -> Piecewise[tuple[FloatArray, BoolArray]]:
+    """Work out the poses (N, 3) with the credible loops, and the mask (E,) of those and all other edges.
 
     Poses that are an earlier solution (`solved_before`) accept the loops that fit them from the beginning.
 
@@ -68,7 +71,7 @@ def credible_loops(problem: PoseGraphProblem, poses: FloatArray, solved_before: 
     span, noise = _span(edges), 1.0
     for _ in range(_ROUNDS):
         weights = joined_weights(edges, welcome.astype(np.float64), against, len(poses))
-        poses = problem.solve(poses, weights, iterations=_STEPS)
+        poses = yield from problem.solving(poses, weights, iterations=_STEPS)
         away = residuals(poses, edges)
         against = chi_square(poses, edges)
         is_known = (accepted := welcome & edges.loop).sum() >= _SUREST
@@ -78,7 +81,7 @@ def credible_loops(problem: PoseGraphProblem, poses: FloatArray, solved_before: 
         open_loops = np.flatnonzero(weights == 0)
         far = np.hypot(away[open_loops, 0], away[open_loops, 1]) + _TURN_REACH * np.abs(away[open_loops, 2])
         asked = open_loops[np.argsort(far, kind="stable")[:_ASKED]]
-        innovations, volumes = problem.innovations_and_volumes(poses, weights, asked)
+        innovations, volumes = yield from problem.innovations(poses, weights, asked)
         if not is_known and (fits := np.flatnonzero(innovations < _FITS)).size:
             noise = _noise(innovations[fits[np.argsort(volumes[fits], kind="stable")[:_SUREST]]])
         fresh = asked[_is_certain(innovations / noise, volumes * noise**1.5, span)]

@@ -7,6 +7,7 @@ iSAM2 needs for the part that a loop bends (2 ms, 95 %: 8 ms), and the solution 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ import numpy as np
 from waychair.errors import GraphError
 from waychair.geometry import compose, invert
 from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, EdgeTable, chi_square
+from waychair.slam.graph.judgement import Judgement
 from waychair.slam.graph.least_squares import PoseGraphProblem, is_tree
 from waychair.slam.graph.robust_optimisation import (
     LOOP_LIMIT,
@@ -36,6 +38,9 @@ _REVIEW = 4
 _NODES_A_JUDGEMENT = 50
 """After a solution of the whole graph that rejected loops, the next may come when the graph has grown by one fiftieth."""
 
+_NODES_A_SLICE = 15_000
+"""Nodes solved in one piece of a judgement: three steps over 5,000, some 20 ms."""
+
 _NODES_AN_ORDER = 20
 """A new order of elimination is sought when the graph has grown by one twentieth."""
 
@@ -48,6 +53,14 @@ class _Order:
     until: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Due:
+    """The number of nodes from which loops in doubt are judged again, and that of rejected loops from which all are reviewed."""
+
+    judgement: int = 0
+    review: int = _REVIEW
+
+
 class PoseGraph:
     """Nodes and edges in the order in which they were added; `poses` (N, 3) are those of the last `update`.
 
@@ -56,6 +69,9 @@ class PoseGraph:
 
     `rejected` holds the rejected loops with reasons. They are checked again whenever the whole graph is solved.
     """
+
+    _judgement: Judgement | None = None  # of the class, since older drives were stored without them
+    _due = _Due()
 
     def __init__(self) -> None:
         self.poses: FloatArray = np.empty((0, 3))
@@ -68,9 +84,9 @@ class PoseGraph:
         self._closes_cycle = False  # whether an edge since the last update closes a cycle
         self._is_solved = False  # whether `poses` continue a solution of the edges that are known
         self._known_edges = 0
-        self._review_at = _REVIEW
         self._parked: set[int] = set()  # rejected loops that no solution has judged yet
-        self._judge_at = 0  # number of nodes from which loops in doubt are judged again
+        self._due = _Due()
+        self._judgement = None
         self._cost = 0.0  # sum of robust chi-squares at the last solution
         self._order: _Order | None = None
 
@@ -125,34 +141,78 @@ class PoseGraph:
         self.poses = self._buffer[:count]
 
     def update(self) -> FloatArray:
-        """Return poses (N, 3) that fit all edges so far.
+        """Return poses (N, 3) that fit all edges so far, except loops in doubt.
 
         While every node has one edge to an earlier node, the poses already fit and nothing is done. When an edge closes
         a cycle, the solution goes on from the last one. If the new loops raise the cost by more than
-        the rejection of a loop costs, or a loop does not fit, `robust.solve` solves the whole graph. Soon after such a
-        solution has rejected loops, further ones in doubt are left out at once and wait for the next.
+        the rejection of a loop costs, or a loop does not fit, they are left out until the whole graph has been judged.
+        That begins at once, or, soon after a judgement that has rejected loops, when the graph has grown. Each update
+        does a piece of it.
 
         Raises:
             GraphError: the graph is not connected, or the equations cannot be solved.
         """
         if self._closes_cycle or self._connected < len(self.poses):
-            before, known, can_park = self.poses, self._known_edges, self._is_solved
-            fits, is_due = self._solve_on(), len(self.poses) >= self._judge_at
-            if can_park and not fits and not is_due:
+            before, known = self.poses, self._known_edges
+            if not self._is_solved:
+                self._begin_judgement(self.poses)
+                self._judge(math.inf)
+            elif not self._solve_on():
+                doubted = self.poses
                 self._park(before, known)
-            elif not fits or (self._parked and is_due):
-                self._judge()
+                self._begin_if_due(doubted)
             self._closes_cycle = False
+        self._begin_if_due(self.poses)
+        self._judge(_NODES_A_SLICE)
         return self.poses
 
-    def _judge(self) -> None:
-        """Solve the whole graph with the loops in doubt and those that wait; review all rejected ones now and then."""
-        known = len(self._rejected) - len(self._parked)
-        self._solve_accepted()
-        if len(self._rejected) > known:  # the dear case: no other before the graph has grown
-            self._judge_at = len(self.poses) + len(self.poses) // _NODES_A_JUDGEMENT
-        if len(self._rejected) >= self._review_at:  # perhaps an older loop is false
-            self._review_at = 2 * len(self._solve_all().rejected) + _REVIEW
+    @property
+    def is_judging(self) -> bool:
+        """Whether a judgement is under way, which further updates go on with."""
+        return self._judgement is not None
+
+    def _begin_if_due(self, start: FloatArray) -> None:
+        """Begin a judgement from poses (N, 3) if loops wait for one, none is under way, and the graph has grown enough."""
+        if self._parked and self._judgement is None and len(self.poses) >= self._due.judgement:
+            self._begin_judgement(start)
+
+    def _begin_judgement(self, start: FloatArray) -> None:
+        """Begin to solve the whole graph with the loops that wait for it, without those rejected before."""
+        inside = [k for k in range(len(self._edges)) if k not in self._rejected or k in self._parked]
+        self._judgement = Judgement(start, [self._edges[k] for k in inside], inside, len(self._edges))
+
+    def _judge(self, most: float) -> None:
+        """Go on with the judgement until at least `most` nodes are solved, and review all rejected loops now and then."""
+        while (judgement := self._judgement) is not None and most > 0:
+            self._judgement = None  # an error ends it
+            solution, spent = judgement.go_on(most)
+            most -= spent
+            if solution is None:
+                self._judgement = judgement
+            else:
+                self._take(judgement, solution)
+
+    def _take(self, judgement: Judgement, solution: Solution) -> None:
+        """Take over a solution, and solve on with what has come since its judgement began."""
+        asked = set(judgement.numbers)
+        left_out = [judgement.numbers[k] for k in np.flatnonzero(~solution.accepted).tolist()]
+        self._rejected = {k: loop for k, loop in self._rejected.items() if k not in asked}
+        self._rejected |= dict(zip(left_out, solution.rejected, strict=True))
+        self._parked -= asked
+        self.poses = _joined_rigidly(solution.poses, self.poses)
+        self._settle()
+        if judgement.known < len(self._edges):
+            self._rejected = {k: loop for k, loop in self._rejected.items() if k not in self._parked}
+            self._parked, self._known_edges, joined = set(), judgement.known, self.poses
+            if not self._solve_on():
+                self._park(joined, judgement.known)
+        if judgement.is_of_all:
+            self._due = replace(self._due, review=2 * len(self._rejected) + _REVIEW)
+        if left_out:  # the dear case: no other before the graph has grown
+            self._due = replace(self._due, judgement=len(self.poses) + len(self.poses) // _NODES_A_JUDGEMENT)
+        if len(self._rejected) >= self._due.review:  # perhaps an older loop is false
+            everything = range(len(self._edges))
+            self._judgement = Judgement(self.poses, self._edges, everything, len(everything))
 
     def _park(self, poses: FloatArray, known: int) -> None:
         """Leave the loops from edge `known` on out, at the poses without them, until the next judgement is due."""
@@ -170,27 +230,13 @@ class PoseGraph:
         Raises:
             GraphError: the graph is not connected, or the equations cannot be solved.
         """
-        return self._solve_all()
-
-    def _solve_all(self) -> Solution:
         solution = solve(self.poses, self._edges, solved_before=True)
-        self.poses, self._parked = solution.poses, set()
+        self.poses, self._parked, self._judgement = solution.poses, set(), None
         left_out = np.flatnonzero(~solution.accepted).tolist()
         self._rejected = dict(zip(left_out, solution.rejected, strict=True))
         if not is_tree(self._table.arrays, len(self.poses)):
             self._settle()
         return replace(solution, rejected=self.rejected)
-
-    def _solve_accepted(self) -> None:
-        """Solve the whole graph without the loops rejected before."""
-        self._rejected = {k: loop for k, loop in self._rejected.items() if k not in self._parked}
-        self._parked = set()
-        inside = [k for k in range(len(self._edges)) if k not in self._rejected]
-        solution = solve(self.poses, [self._edges[k] for k in inside], solved_before=True)
-        self.poses = solution.poses
-        left_out = [inside[k] for k in np.flatnonzero(~solution.accepted).tolist()]
-        self._rejected |= dict(zip(left_out, solution.rejected, strict=True))
-        self._settle()
 
     def remove(self, edges: Collection[Edge]) -> None:
         """Remove edges permanently; loops among them stay listed in `rejected`. The next `update` solves the rest.
@@ -221,7 +267,7 @@ class PoseGraph:
 
     def _replace(self, index: int, new: Edge) -> None:
         """Put an edge in the place of the edge at this index."""
-        self._edges[index] = new
+        self._edges[index], self._judgement = new, None
         self._table.replace(index, new)
         if index < self._known_edges or new.j < new.i:
             self._is_solved, self._closes_cycle = False, True
@@ -242,7 +288,7 @@ class PoseGraph:
         self._parked = {new for new, old in enumerate(kept) if old in self._parked}
         self._edges = [self._edges[k] for k in kept]
         self._table.keep(kept)
-        self._is_solved, self._closes_cycle = False, True
+        self._is_solved, self._closes_cycle, self._judgement = False, True, None
 
     def _solve_on(self) -> bool:
         """Solve the accepted edges from the present poses; return False if that fails, or a new loop stays in doubt."""
@@ -271,3 +317,12 @@ class PoseGraph:
     def _problem(self) -> PoseGraphProblem:
         """Return the problem of the accepted edges."""
         return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL, None if self._order is None else self._order.nodes)
+
+
+def _joined_rigidly(solved: FloatArray, poses: FloatArray) -> FloatArray:
+    """Return poses (N, 3) of which the first are `solved` (K, 3), and the others lie as before, seen from the last of these."""
+    count = len(solved)
+    if count == len(poses):
+        return solved
+    moved = compose(solved[-1], invert(poses[count - 1]))
+    return np.concatenate([solved, compose(moved, poses[count:])])

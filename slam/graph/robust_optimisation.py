@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from waychair.slam.graph.least_squares import (
 )
 from waychair.slam.graph.loop_groups import group_cost, loop_groups
 from waychair.slam.graph.loop_sieve import credible_loops, is_too_dense
+from waychair.slam.graph.piecewise import Piecewise, finished
 from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
@@ -102,7 +102,12 @@ class _Case:
 
 
 def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False) -> Solution:
-    """Return the poses that fit the edges best, with node 0 fixed, and the rejected loops.
+    """Return the result of `solving` without a break, and raise its errors."""
+    return finished(solving(poses, edges, solved_before))
+
+
+def solving(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False) -> Piecewise[Solution]:
+    """Work out the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 
     All other edges are kept, under a Huber kernel (the largest single gain measured on the Freiburg and Intel logs).
     Poses that are an earlier solution (`solved_before`) save time: the quick solution is taken if it contradicts no loop,
@@ -118,21 +123,22 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
         return Solution(_hung(poses, arrays), np.ones(len(arrays), bool), ())
     problem = PoseGraphProblem(arrays, MATCH_KERNEL)
     if is_too_dense(arrays, len(poses)):
-        return _sieved(problem, poses, edges, solved_before)
+        return (yield from _sieved(problem, poses, edges, solved_before))
     if not arrays.loop.any():
-        return Solution(problem.solve(poses, iterations=MAX_ITERATIONS), ~arrays.loop, ())
+        return Solution((yield from problem.solving(poses, iterations=MAX_ITERATIONS)), ~arrays.loop, ())
     case = _Case(problem, loop_groups(poses, arrays), poses)
-    best = _likeliest(None, lambda: _quick(case, poses, settle=not solved_before))
+    yield len(poses)
+    best = yield from _likeliest(None, _quick(case, poses, settle=not solved_before))
     if best is None:
-        best = _trusted(case, poses)
+        best = yield from _trusted(case, poses)
     if not best.weights.all():
-        best = _judged(case, best, chained_poses(poses, edges), solved_before)
+        best = yield from _judged(case, best, chained_poses(poses, edges), solved_before)
     elif not solved_before:  # the start may lie in another valley
-        best = _likelier(best, lambda: _trusted(case, _spectral(case)))
+        best = yield from _likelier(best, _trusted_from_nothing(case))
     if not solved_before:
         if (best.weights == 0).sum() > FEW_LOOPS:
-            best = _likelier(best, *(partial(_begun_without, case, group) for group in _largest(case, best)))
-        best = _without_kernel(case, _heard_by_group(case, best))
+            best = yield from _likelier(best, *(_begun_without(case, group) for group in _largest(case, best)))
+        best = _without_kernel(case, (yield from _heard_by_group(case, best)))
     return _solution(best.poses, edges, arrays, best.weights > 0)
 
 
@@ -149,19 +155,21 @@ def _solution(poses: FloatArray, edges: Sequence[Edge], arrays: EdgeArrays, acce
     )
 
 
-def _sieved(problem: PoseGraphProblem, poses: FloatArray, edges: Sequence[Edge], solved_before: bool) -> Solution:
-    """Return the solution of the credible loops and the other edges of a graph that has too many loops to be solved as a whole.
+def _sieved(
+    problem: PoseGraphProblem, poses: FloatArray, edges: Sequence[Edge], solved_before: bool
+) -> Piecewise[Solution]:
+    """Work out the solution of the credible loops and the other edges of a graph that has too many loops to be solved as a whole.
 
     If that is still too much, the credible loops are taken as they are.
     """
     try:
-        begun, kept = credible_loops(problem, poses, solved_before)
+        begun, kept = yield from credible_loops(problem, poses, solved_before)
     except np.linalg.LinAlgError as error:
         raise unsolvable(poses) from error
     numbers = np.flatnonzero(kept)
     if is_too_dense(problem.edges.take(numbers), len(poses)):
         return _solution(begun, edges, problem.edges, kept)
-    found = solve(begun, [edges[k] for k in numbers.tolist()], solved_before)
+    found = yield from solving(begun, [edges[k] for k in numbers.tolist()], solved_before)
     accepted = np.zeros(len(edges), bool)
     accepted[numbers[found.accepted]] = True
     return _solution(found.poses, edges, problem.edges, accepted)
@@ -186,34 +194,34 @@ def _hung(poses: FloatArray, edges: EdgeArrays) -> FloatArray:
     return hung
 
 
-def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> _Trial:
-    """Return the likeliest of many solutions, where the quick one rejects loops."""
-    best = _likelier(quick, lambda: _trusted(case, quick.poses))
+def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> Piecewise[_Trial]:
+    """Find the likeliest of many solutions, where the quick one rejects loops."""
+    best = yield from _likelier(quick, _trusted(case, quick.poses))
     if (quick.weights == 0).sum() > FEW_LOOPS:
-        best = _likelier(best, lambda: _settled(case, _graduated(case.problem, case.start)))
-    best = _reconsidered(case, best)
+        best = yield from _likelier(best, _settled_by_rounds(case))
+    best = yield from _reconsidered(case, best)
     left_out, first = int((best.weights == 0).sum()), best
     if left_out > FEW_LOOPS:  # loops accepted earlier may have bent the poses
-        best = _likelier(best, lambda: _quick(case, chain))
+        best = yield from _likelier(best, _quick(case, chain))
     if left_out > HOPELESS_SHARE * case.problem.edges.loop.sum() or (left_out and not solved_before):
-        best = _likelier(best, lambda: _without_a_start(case))
-    return best if best is first else _reconsidered(case, best)
+        best = yield from _likelier(best, _without_a_start(case))
+    return best if best is first else (yield from _reconsidered(case, best))
 
 
-def _without_a_start(case: _Case) -> _Trial:
-    """Return the likelier solution next to the spectral start: by dynamic covariance scaling, or with every loop trusted."""
+def _without_a_start(case: _Case) -> Piecewise[_Trial]:
+    """Find the likelier solution next to the spectral start: by dynamic covariance scaling, or with every loop trusted."""
     start = _spectral(case)
-    best = _likeliest(None, lambda: _quick(case, start), lambda: _trusted(case, start))
+    best = yield from _likeliest(None, _quick(case, start), _trusted(case, start))
     if best is None:
         raise GraphError("the equations cannot be solved from the spectral start")
     return best
 
 
-def _likeliest(best: _Trial | None, *attempts: Callable[[], _Trial]) -> _Trial | None:
-    """Return the trial of greatest likelihood; an attempt whose equations cannot be solved counts for nothing."""
+def _likeliest(best: _Trial | None, *attempts: Piecewise[_Trial]) -> Piecewise[_Trial | None]:
+    """Find the trial of greatest likelihood; an attempt whose equations cannot be solved counts for nothing."""
     for attempt in attempts:
         try:
-            trial = attempt()
+            trial = yield from attempt
         except (GraphError, RuntimeError, np.linalg.LinAlgError):  # scipy's errors are RuntimeErrors
             continue
         if math.isfinite(trial.score) and (best is None or trial.score < best.score):
@@ -221,29 +229,34 @@ def _likeliest(best: _Trial | None, *attempts: Callable[[], _Trial]) -> _Trial |
     return best
 
 
-def _likelier(best: _Trial, *attempts: Callable[[], _Trial]) -> _Trial:
-    found = _likeliest(best, *attempts)
+def _likelier(best: _Trial, *attempts: Piecewise[_Trial]) -> Piecewise[_Trial]:
+    found = yield from _likeliest(best, *attempts)
     assert found is not None
     return found
 
 
-def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> _Trial:
-    """Return the settled solution next to that of dynamic covariance scaling, or that itself if it contradicts no loop."""
-    quick = case.problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
+def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> Piecewise[_Trial]:
+    """Find the settled solution next to that of dynamic covariance scaling, or that itself if it contradicts no loop."""
+    quick = yield from case.problem.solving_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
     weights = _within(case, quick)
     if settle or not weights.all():
-        return _settled(case, quick)
+        return (yield from _settled(case, quick))
     return _Trial(quick, weights, *_unlikelihood(case, quick, weights))
 
 
-def _trusted(case: _Case, poses: FloatArray) -> _Trial:
-    """Return the solution with every loop accepted, or, if it is likelier, the settled one next to it."""
+def _trusted(case: _Case, poses: FloatArray) -> Piecewise[_Trial]:
+    """Find the solution with every loop accepted, or, if it is likelier, the settled one next to it."""
     weights = np.ones(len(case.problem.edges))
-    plain = case.problem.solve(poses, weights, iterations=MAX_ITERATIONS)
+    plain = yield from case.problem.solving(poses, weights, iterations=MAX_ITERATIONS)
     trial = _Trial(plain, weights, *_unlikelihood(case, plain, weights))
     if _within(case, plain).all():
         return trial
-    return _likelier(trial, lambda: _settled(case, plain))
+    return (yield from _likelier(trial, _settled(case, plain)))
+
+
+def _trusted_from_nothing(case: _Case) -> Piecewise[_Trial]:
+    """Find the solution next to the spectral start with every loop accepted, as `_trusted` does."""
+    return (yield from _trusted(case, _spectral(case)))
 
 
 def _spectral(case: _Case) -> FloatArray:
@@ -256,8 +269,13 @@ def _spectral(case: _Case) -> FloatArray:
     return with_first_pose(poses, case.start[0])
 
 
-def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
-    """Return poses by graduated non-convexity with truncated least squares on the loops.
+def _settled_by_rounds(case: _Case) -> Piecewise[_Trial]:
+    """Find the settled solution next to that of graduated non-convexity."""
+    return (yield from _settled(case, (yield from _graduated(case.problem, case.start))))
+
+
+def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> Piecewise[FloatArray]:
+    """Work out poses by graduated non-convexity with truncated least squares on the loops.
 
     Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, weights by
     eq. 14. At first all loops are trusted, then only those within a shrinking limit. One Gauss-Newton step per limit is
@@ -272,7 +290,7 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
         soft = np.sqrt(limit * convexity * (1 + convexity) / np.maximum(against[loop], 1e-12)) - convexity
         weights[loop] = np.where(against[loop] >= upper, 0.0, np.where(against[loop] <= lower, 1.0, soft))
         weights = joined_weights(problem.edges, weights, against, len(poses))
-        poses = problem.solve(poses, weights, iterations=1, damped=False)
+        poses = yield from problem.solving(poses, weights, iterations=1, damped=False)
         against = chi_square(poses, problem.edges)
         if convexity > 1 and np.isin(weights, (0.0, 1.0)).all():
             break
@@ -280,11 +298,11 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
     return poses
 
 
-def _settled(case: _Case, poses: FloatArray) -> _Trial:
-    """Return the solution next to the poses whose accepted loops are exactly those within the limit."""
+def _settled(case: _Case, poses: FloatArray) -> Piecewise[_Trial]:
+    """Find the solution next to the poses whose accepted loops are exactly those within the limit."""
     weights = _within(case, poses)
     for _ in range(10):
-        poses = case.problem.solve(poses, weights, iterations=MAX_ITERATIONS)
+        poses = yield from case.problem.solving(poses, weights, iterations=MAX_ITERATIONS)
         now = _within(case, poses)
         if (now == weights).all():
             break
@@ -334,8 +352,8 @@ def _rejection(case: _Case, left_out: IntArray) -> float:
     return 3.0 * len(left_out) + group_cost(case.groups, left_out, FIRST_REJECTION_COST if is_first else REJECTION_COST)
 
 
-def _reconsidered(case: _Case, best: _Trial) -> _Trial:
-    """Return the candidate after accepting again the loops that were rejected only because their poses are uncertain.
+def _reconsidered(case: _Case, best: _Trial) -> Piecewise[_Trial]:
+    """Find the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
     A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its
     innovation tells it from a false loop. Real noise has long tails, so one loop may reach five times the noise level.
@@ -349,11 +367,12 @@ def _reconsidered(case: _Case, best: _Trial) -> _Trial:
         if not len(asked):
             break
         try:
-            innovations = problem.innovations(best.poses, best.weights, asked)
+            innovations, _ = yield from problem.innovations(best.poses, best.weights, asked)
             welcome = asked[innovations < REJECTION_COST * noise]
             weights = best.weights.copy()
             weights[welcome] = 1.0
-            again = _settled(case, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS))
+            begun = yield from problem.solving(best.poses, weights, iterations=MAX_ITERATIONS)
+            again = yield from _settled(case, begun)
         except (GraphError, RuntimeError, np.linalg.LinAlgError):
             break
         back = np.flatnonzero((best.weights == 0) & (again.weights > 0))
@@ -364,12 +383,12 @@ def _reconsidered(case: _Case, best: _Trial) -> _Trial:
     return best
 
 
-def _heard_by_group(case: _Case, best: _Trial) -> _Trial:
-    """Return the candidate after leaving out, on trial, the accepted groups that the rest of the graph doubts most."""
+def _heard_by_group(case: _Case, best: _Trial) -> Piecewise[_Trial]:
+    """Find the candidate after leaving out, on trial, the accepted groups that the rest of the graph doubts most."""
     for _ in range(MAX_DOUBTS):
         better = best
         for group in _doubted(case, best)[:MAX_DOUBTS]:
-            better = _likelier(best, partial(_without, case, best, group))
+            better = yield from _likelier(best, _without(case, best, group))
             if better is not best:
                 break
         if better is best:
@@ -378,22 +397,24 @@ def _heard_by_group(case: _Case, best: _Trial) -> _Trial:
     return best
 
 
-def _without(case: _Case, best: _Trial, group: int) -> _Trial:
-    """Return the settled solution next to that without one group."""
+def _without(case: _Case, best: _Trial, group: int) -> Piecewise[_Trial]:
+    """Find the settled solution next to that without one group."""
     problem, against = case.problem, chi_square(best.poses, case.problem.edges)
     weights = np.where(case.groups == group, 0.0, best.weights)
     weights = joined_weights(problem.edges, weights, against, len(best.poses))
-    return _reconsidered(case, _settled(case, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS)))
+    begun = yield from problem.solving(best.poses, weights, iterations=MAX_ITERATIONS)
+    return (yield from _reconsidered(case, (yield from _settled(case, begun))))
 
 
-def _begun_without(case: _Case, group: int) -> _Trial:
-    """Return the settled solution from the start with every loop but those of one group trusted.
+def _begun_without(case: _Case, group: int) -> Piecewise[_Trial]:
+    """Find the settled solution from the start with every loop but those of one group trusted.
 
     A large group that was trusted from the beginning may have bent the poses so far that no other loop comes back.
     """
     weights = np.where(case.groups == group, 0.0, 1.0)
     weights = joined_weights(case.problem.edges, weights, chi_square(case.start, case.problem.edges), len(case.start))
-    return _settled(case, case.problem.solve(case.start, weights, iterations=MAX_ITERATIONS))
+    begun = yield from case.problem.solving(case.start, weights, iterations=MAX_ITERATIONS)
+    return (yield from _settled(case, begun))
 
 
 def _largest(case: _Case, best: _Trial) -> list[int]:

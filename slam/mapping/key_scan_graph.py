@@ -96,8 +96,13 @@ class KeyGraph:
         self._count_edges()
         return True
 
+    @property
+    def is_judging(self) -> bool:
+        """Whether loops in doubt are being judged, which every `optimise` goes on with."""
+        return self._graph.is_judging
+
     def optimise(self) -> None:
-        """Optimise the poses incrementally for all edges so far."""
+        """Optimise the poses incrementally for all edges so far, except loops in doubt."""
         self._graph.update()
         self._drop_rejected()
 

@@ -440,7 +440,7 @@ class Mapper:
         """Search for loops at the last key scan, and optimise the graph with those found."""
         with self._timed("loops"):
             loops = self._closer.loops(self.keys, self._recent_keys)
-        if loops:
+        if loops or self.keys.is_judging:
             self._add_loops(loops)
 
     def _add_loops(self, loops: Sequence[Edge]) -> None:

@@ -75,7 +75,9 @@ def pyramid_from_points(points: FloatArray, standing: FloatArray, reach: float) 
     low = every.min(axis=0) - reach - 1.0
     width, height = (2 * np.ceil((every.max(axis=0) + reach + 1.0 - low) / RESOLUTION)).astype(int)
     near = np.zeros((height, width), bool)
-    cols, rows = np.floor((points - low) / step).astype(np.int64).T
+    cols, rows = np.floor((points - low) / step).T.astype(
+        np.int64, order="C"
+    )  # one layout, so that one kernel serves all
     far = int(reach / step)
     disc = np.hypot(*np.mgrid[-far : far + 1, -far : far + 1]) <= reach / step
     for col, row in np.floor((standing - low) / step).astype(int).tolist():

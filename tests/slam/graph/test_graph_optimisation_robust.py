@@ -1,4 +1,4 @@
-"""Robust pose graphs: false loops on a real graph, bad starts, proofs of optimality, incremental optimisation."""
+"""Robust pose graphs: false loops on a real graph, bad starts, proofs of optimality."""
 
 from __future__ import annotations
 
@@ -8,20 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.slam.graph.two_laps import laps, measured, rmse
 from waychair.errors import GraphError
-from waychair.geometry import compose
 from waychair.slam.graph.edges import EdgeArrays, chi_square, edge_arrays
-from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectionReason, Solution, read_g2o, solve
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectionReason, read_g2o, solve
 from waychair.slam.graph.least_squares import least_squares
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.graph.pose_synchronisation import isotropic, lower_bound, polished, sesync_objective, spectral_poses
 from waychair.slam.graph.robust_optimisation import chained_poses
-from waychair.slam.mapping.checkpoint import object_from_state, state_of
 from waychair.types import FloatArray, Pose2
-
-
-def rmse(poses: FloatArray, truth: FloatArray) -> float:
-    return float(np.sqrt(((poses - truth)[:, :2] ** 2).sum(axis=1).mean()))
 
 
 @pytest.fixture(scope="module")
@@ -121,110 +116,6 @@ def test_exact_edges_give_the_poses_without_a_guess() -> None:
     edges = edge_arrays([measured(truth, i, j, EdgeKind.MATCH) for i, j in pairs])
     assert spectral_poses(edges, 30) == pytest.approx(truth, abs=1e-3)
     assert sesync_objective(truth, edges) == pytest.approx(0.0, abs=1e-15)
-
-
-def measured(truth: FloatArray, i: int, j: int, kind: EdgeKind, off: Pose2 | None = None) -> Edge:
-    relative = Pose2(*truth[i].tolist()).inverse() @ Pose2(*truth[j].tolist()) @ (off or Pose2())
-    return Edge(i, j, relative, np.diag([1e4, 1e4, 1e4]), kind)
-
-
-def grown(edges: tuple[Edge, ...] | list[Edge], start: FloatArray) -> PoseGraph:
-    """A graph fed node by node, each node placed by its first edge."""
-    graph = PoseGraph()
-    graph.add(start[:1], [])
-    for node in range(1, len(start)):
-        new = [edge for edge in edges if max(edge.i, edge.j) == node]
-        new.sort(key=lambda edge: edge.kind is EdgeKind.LOOP)
-        graph.add(compose(graph.poses[node - 1], new[0].i_from_j.array())[None], new)
-        graph.update()
-    return graph
-
-
-def test_the_incremental_graph_agrees_with_the_batch_solution(
-    intel: tuple[FloatArray, tuple[Edge, ...], FloatArray],
-) -> None:
-    start, edges, _ = intel
-    start, edges = start[:300], tuple(edge for edge in edges if max(edge.i, edge.j) < 300)
-    clean = least_squares(start, edge_arrays(edges))
-    graph = grown(edges, start)
-    assert rmse(graph.poses, clean) < 0.03
-    assert rmse(graph.solve().poses, clean) < 0.01
-    assert {id(edge) for edge in graph.edges} == {id(edge) for edge in edges}
-    assert graph.rejected == ()
-
-
-def laps() -> tuple[FloatArray, list[Edge]]:
-    """True poses of two laps round a circle and their odometry with small errors, with loops between the laps."""
-    angles = np.linspace(0, 4 * np.pi, 80, endpoint=False)
-    truth = np.column_stack([5 * np.cos(angles), 5 * np.sin(angles), np.remainder(angles + np.pi / 2, 2 * np.pi)])
-    edges = [measured(truth, k, k + 1, EdgeKind.MATCH, Pose2(0.003, 0, 0.004)) for k in range(79)]
-    edges += [measured(truth, k, k + 40, EdgeKind.LOOP) for k in range(0, 40, 4)]
-    return truth, edges
-
-
-def test_a_false_loop_is_rejected_during_a_drive_and_a_removed_one_is_remembered() -> None:
-    truth, edges = laps()
-    false = measured(truth, 3, 70, EdgeKind.LOOP, Pose2(4.0, -3.0, 1.0))
-    graph = grown([*edges, false], truth)
-    assert [item.edge for item in graph.rejected] == [false]
-    assert rmse(graph.poses, truth) < 0.1
-    graph.remove([edges[-1]])
-    graph.update()
-    assert {item.reason for item in graph.rejected} == {RejectionReason.CONTRADICTED, RejectionReason.REMOVED}
-    assert rmse(graph.poses, truth) < 0.1
-    assert edges[-1] not in graph.edges
-    with pytest.raises(GraphError, match="not in the graph"):
-        graph.remove([edges[-1]])
-
-
-def test_many_loops_in_doubt_are_judged_together_now_and_then_and_all_at_the_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    truth, edges = laps()
-    solutions: list[int] = []
-
-    def counted(poses: FloatArray, known: list[Edge], solved_before: bool = False) -> Solution:
-        solutions.append(len(poses))
-        return solve(poses, known, solved_before)
-
-    monkeypatch.setattr("waychair.slam.graph.pose_graph.solve", counted)
-    monkeypatch.setattr("waychair.slam.graph.pose_graph._NODES_A_JUDGEMENT", 4)
-    rng = np.random.default_rng(3)
-    drifts = [Pose2(float(x), float(y), float(turn)) for x, y, turn in rng.uniform(-1, 1, (36, 3)) * (4.0, 4.0, 2.0)]
-    false = [measured(truth, k, k + 42, EdgeKind.LOOP, drift) for k, drift in enumerate(drifts)]
-    graph = grown([*edges, *false], truth)
-    assert rmse(graph.poses, truth) < 0.1
-    assert len(solutions) < 20
-    graph.solve()
-    assert {id(item.edge) for item in graph.rejected} == {id(edge) for edge in false}
-    assert rmse(graph.poses, truth) < 0.1
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_an_edge_is_replaced_before_and_after_a_solution_and_a_stored_graph_remembers_it(closed: bool) -> None:
-    truth, edges = laps()
-    wrong = measured(truth, 20, 21, EdgeKind.MATCH, Pose2(0.6, 0.0, 0.2))
-    edges[20], right = wrong, edges[20]
-    graph = grown(edges if closed else edges[:79], truth)
-    with pytest.raises(GraphError, match="cannot be replaced"):
-        graph.replace(right, wrong)
-    with pytest.raises(GraphError, match="cannot be replaced"):
-        graph.replace(wrong, edges[21])
-    graph.replace(wrong, right)
-    graph.update()
-    true_edges = [*edges[:20], right, *edges[21:]] if closed else [*edges[:20], right, *edges[21:79]]
-    assert graph.poses == pytest.approx(grown(true_edges, truth).poses, abs=0.01)
-    assert right in graph.edges
-    assert wrong not in graph.edges
-    again = object_from_state(state_of(graph), PoseGraph)
-    assert again.poses == pytest.approx(graph.poses, abs=1e-9)
-
-
-def test_without_a_loop_closure_nothing_is_solved() -> None:
-    truth, edges = laps()
-    graph = grown(edges[:30], truth[:31])
-    reckoned_poses = chained_poses(truth[:31], edges[:30])
-    assert graph.poses == pytest.approx(reckoned_poses)
 
 
 def test_invalid_graphs_are_refused() -> None:
