@@ -2,7 +2,8 @@
 
 The parts are `edges` (the data), `least_squares` with its `block_cholesky`, `pose_synchronisation` (initialisation and
 optimality proofs), `robust_optimisation` (false loops) with `loop_groups` (loops that agree), `pose_graph` (a graph that
-grows), `g2o_files`, and `spatial_least_squares` (graphs in space, which `slam/rgbd/` uses).
+grows) with `judgement` (its loops in doubt, a piece at a time), `g2o_files`, and `spatial_least_squares` (graphs in space,
+which `slam/rgbd/` uses).
 """
 
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, residuals

@@ -17,6 +17,7 @@ from waychair.slam.scan.reference_surfaces import block_maxima
 from waychair.slam.scan.relocaliser import (
     APART_DISTANCE,
     Pyramid,
+    _likelihood,
     begin_global_search,
     global_search,
     heading_count,
@@ -151,3 +152,13 @@ def test_scans_of_360_and_361_beams_of_a_real_log_are_both_found(data_dir: Path)
         best = global_search(query, pyramid)[0]
         assert math.hypot(best.pose.x, best.pose.y) < 0.15
         assert best.response > 0.8
+
+
+def test_points_of_any_layout_need_one_kernel() -> None:
+    """A second one would be compiled in the middle of a drive."""
+    points, standing = np.random.default_rng(0).uniform(-3.0, 3.0, (50, 2)), np.zeros((1, 2))
+    pyramids = [pyramid_from_points(each, standing, 3.0) for each in (points, np.asfortranarray(points))]
+    pyramids.append(pyramid_from_points(np.repeat(points, 2, axis=1)[:, ::2], np.asfortranarray(standing), 3.0))
+    assert (pyramids[0].likelihood == pyramids[1].likelihood).all()
+    assert (pyramids[0].likelihood == pyramids[2].likelihood).all()
+    assert len(_likelihood.signatures) == 1
