@@ -140,7 +140,7 @@ def _with_motions(
     motions = _scan_motions(frames, mount, range_max, progress, wanted)
     frames, broken = _without_broken_steps(frames, times, motions)
     findings += broken
-    check, series = _check(frames, times, motions)
+    check, series = _check(frames, times, motions, wanted)
     if any(found.part is AidPart.LIDAR and found.state is AidState.CORRECTED for found in check.findings):
         frames, swept_back = _upright(frames, mount)
         upright = [found for found in check.findings if found.part is AidPart.LIDAR]
@@ -149,7 +149,7 @@ def _with_motions(
             for found in upright
         ]
         motions = _scan_motions(frames, mount, range_max, progress, wanted)
-        check, series = _check(frames, times, motions)
+        check, series = _check(frames, times, motions, wanted)
     better = _better_mount(frames, motions, mount, check)
     if better is not None:
         told = LaserMount(better.base_from_laser)
@@ -159,7 +159,7 @@ def _with_motions(
         findings.append(_advised(found, told))
         mount = better.base_from_laser
         motions = _scan_motions(frames, mount, range_max, progress, wanted)
-        check, series = _check(frames, times, motions)
+        check, series = _check(frames, times, motions, wanted)
     findings += [
         found for found in check.findings if found.part is not AidPart.LIDAR or found.state is AidState.LEFT_OUT
     ]
@@ -168,11 +168,11 @@ def _with_motions(
         return _told(recording, findings)
     frames = _with_gyro(frames, times, check)
     if unmoved:  # an IMU alone tells no way: the scans do
-        frames = _with_wheels(frames, times, motions, series.filled())
+        frames = _with_wheels(frames, times, series.intervals, series.filled())
     elif check.wheels is not None:
-        frames = _with_wheels(frames, times, motions, check.wheels)
+        frames = _with_wheels(frames, times, series.intervals, check.wheels)
     elif check.speeds is not None:
-        frames = _with_speeds(frames, times, motions, check.speeds)
+        frames = _with_speeds(frames, times, series.intervals, check.speeds)
     return _told(replace(recording, frames=frames, base_from_laser=mount), findings)
 
 
@@ -316,11 +316,17 @@ class _ScanChain:
         return total
 
 
-def _check(frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions) -> tuple[AidCheck, ScanSeries]:
+def _check(
+    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions, wanted: BoolArray | None
+) -> tuple[AidCheck, ScanSeries]:
+    """Return the check of the aids by the motions of scans, and the intervals to which it refers: of a sample (`wanted`)
+    those that were compared, else the whole recording's."""
     series = ScanSeries(
         np.stack([times[motions.before], times[motions.after]], axis=1), half_way(motions.motions), motions.turn_known,
-        motions.way_known, _sweep_s(frames),
+        motions.way_known, np.ones(len(motions.before), np.bool_), _sweep_s(frames),
     )  # fmt: skip
+    if wanted is None:
+        series = series.with_all(times)
     track = _track(frames, times)
     wheels = None if track is None else _wheel_series(track)
     return check_aids(series, wheels, _imu_series(frames, times)), series
@@ -438,10 +444,10 @@ def _sample(sample: ImuSample, time_s: float, check: AidCheck) -> ImuSample | No
 
 
 def _with_speeds(
-    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions, moved: FloatArray
+    frames: tuple[SensorFrame, ...], times: FloatArray, intervals: FloatArray, moved: FloatArray
 ) -> tuple[SensorFrame, ...]:
-    """Return the frames with the twists of their odometry from its own motions (N, 3)."""
-    middle, rates = _rates(times, motions, moved)
+    """Return the frames with the twists of their odometry from its own motions (N, 3) over intervals (N, 2) [s]."""
+    middle, rates = _rates(intervals, moved)
     changed = []
     for begin_s, frame in zip(times.tolist(), frames, strict=True):
         wheels = []
@@ -455,29 +461,25 @@ def _with_speeds(
     return tuple(changed)
 
 
-def _rates(times: FloatArray, motions: ScanMotions, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _rates(intervals: FloatArray, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the middles (N,) [s] of the intervals, and the rates (N, 3) of their motions."""
-    seconds = np.maximum(times[motions.after] - times[motions.before], 1e-6)
-    return 0.5 * (times[motions.before] + times[motions.after]), np.nan_to_num(moved) / seconds[:, None]
+    seconds = np.maximum(intervals[:, 1] - intervals[:, 0], 1e-6)
+    return intervals.mean(axis=1), np.nan_to_num(moved) / seconds[:, None]
 
 
 def _with_wheels(
-    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions, used: FloatArray
+    frames: tuple[SensorFrame, ...], times: FloatArray, intervals: FloatArray, used: FloatArray
 ) -> tuple[SensorFrame, ...]:
-    """Return the frames with one odometry reading each, at its stamp, from motions (N, 3) half way through the turn."""
+    """Return the frames with one odometry reading each, at its stamp, from motions (N, 3) half way through the turn, over
+    intervals (N, 2) [s] that follow each other."""
     used = np.nan_to_num(used)
-    steps = from_half_way(used)
-    ends, poses = [times[motions.before[0]]], [np.zeros(3)]
-    for k in range(len(steps)):
-        if times[motions.before[k]] > ends[-1]:  # an interval that was not compared
-            ends.append(float(times[motions.before[k]]))
-            poses.append(poses[-1])
-        ends.append(float(times[motions.after[k]]))
-        poses.append(compose(poses[-1], steps[k]))
-    knots, corners = np.array(ends), np.array(poses)
+    poses = [np.zeros(3)]
+    for step in from_half_way(used):
+        poses.append(compose(poses[-1], step))
+    knots, corners = np.append(intervals[0, 0], intervals[:, 1]), np.array(poses)
     corners[:, 2] = np.unwrap(corners[:, 2])
     at = np.stack([np.interp(times, knots, column) for column in corners.T], axis=1)
-    middle, rates = _rates(times, motions, used)
+    middle, rates = _rates(intervals, used)
     v, omega = (np.interp(times, middle, rates[:, column]) for column in (0, 2))
     changed = []
     for k, frame in enumerate(frames):

@@ -45,7 +45,7 @@ class AidCheck:
 
 def check_aids(scans: ScanSeries, wheels: WheelSeries | None, imu: ImuSeries | None) -> AidCheck:
     """Return the findings about the aids of a drive, and the motions to use in their place."""
-    if len(scans.intervals) < 5 or scans.turn_known.mean() < _KNOWN_SHARE:
+    if scans.compared.sum() < 5 or scans.turn_known[scans.compared].mean() < _KNOWN_SHARE:
         return AidCheck()
     told = None if wheels is None else wheels.motions(scans.intervals)
     ways = np.hypot(*scans.motions[:, :2].T)

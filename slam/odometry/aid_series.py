@@ -166,12 +166,16 @@ def _interpolated(at: FloatArray, times: FloatArray, values: FloatArray) -> Floa
 @dataclass(frozen=True, slots=True)
 class ScanSeries:
     """Motions by scans over intervals (N, 2) [s]: motions (N, 3) half way through the turn, and which of their turns and
-    translations were measured (N,)."""
+    translations were measured (N,).
+
+    `compared` (N,): whether the scans at the ends were compared at all; two that lie far apart in time are not.
+    """
 
     intervals: FloatArray
     motions: FloatArray
     turn_known: BoolArray
     way_known: BoolArray
+    compared: BoolArray
     sweep_s: float = 0.0
     """Time [s] for which the lidar sweeps; scans are then corrected by the twist, and their motion is that half a sweep
     after their stamps."""
@@ -183,10 +187,27 @@ class ScanSeries:
         return found
 
     def filled(self) -> FloatArray:
-        """Return the motions (N, 3) with those that were not measured interpolated from their neighbours' speeds."""
+        """Return the motions (N, 3) with those that were not measured interpolated from their neighbours' speeds.
+
+        Between scans that were not compared the chair stands: nothing tells for how long it went on.
+        """
         rates, middle = self.motions / self.seconds[:, None], self.intervals.mean(axis=1)
         for column, known in ((0, self.way_known), (1, self.way_known), (2, self.turn_known)):
             if known.any():
-                rates[~known, column] = np.interp(middle[~known], middle[known], rates[known, column])
+                unknown = self.compared & ~known
+                rates[unknown, column] = np.interp(middle[unknown], middle[known], rates[known, column])
         found: FloatArray = rates * self.seconds[:, None]
         return found
+
+    def with_all(self, times: FloatArray) -> ScanSeries:
+        """Return the series with all intervals between the `times` (M,) [s] of scans, also those that were not compared."""
+        steps = np.stack([times[:-1], times[1:]], axis=1)[np.diff(times) > 0.0]
+        middle = steps.mean(axis=1)
+        run = np.searchsorted(self.intervals[:, 0], middle) - 1
+        between = steps[(run < 0) | (middle > np.append(self.intervals[:, 1], -np.inf)[run])]
+        at = np.searchsorted(self.intervals[:, 0], between[:, 0])
+        return ScanSeries(
+            np.insert(self.intervals, at, between, axis=0), np.insert(self.motions, at, 0.0, axis=0),
+            np.insert(self.turn_known, at, False), np.insert(self.way_known, at, False),
+            np.insert(self.compared, at, False), self.sweep_s,
+        )  # fmt: skip

@@ -21,8 +21,9 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 LEAST_APART_S = 0.09
 """Least time [s] between two scans that are compared; of a faster lidar some scans are left out."""
 
-LONGEST_APART_S = 2.0
-"""Longest time [s] between two scans that are compared: a chair is out of sight of the first later."""
+LONGEST_APART_S = 1.0
+"""Longest time [s] between two scans that are compared. Later the motion may lie outside the window that is searched: in a
+corridor, where all places look alike, the scans then tell a wrong one, and sound wheels would be left out."""
 
 _REACH, _RESOLUTION, _SIGMA = 12.0, 0.1, 0.08  # [m]; of the reference
 _MOST_POINTS = 240  # of a scan that is matched
@@ -58,7 +59,7 @@ def scan_motions(
 ) -> ScanMotions:
     """Return the motions between neighbouring scans in the order of the recording, at most one in 0.09 s.
 
-    Ranges beyond `range_max` [m] are left out, and so is a pair whose stamps step backwards or lie more than 2 s apart.
+    Ranges beyond `range_max` [m] are left out, and so is a pair whose stamps step backwards or lie more than 1 s apart.
     Of a sample only the pairs of `wanted` (N,) scans are measured. Both scans of a pair are corrected for the motion of the pair before, since the chair moves while the lidar sweeps.
     """
     settings = MatchSettings(resolution=_RESOLUTION, range_max=range_max)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,14 @@ import pytest
 from tests.bags import SECOND, Bag
 from tests.cases.mapping.aided_drive import ImuFault, WheelFault, Wheels, checked, error_of, looks, recorded, turned
 from waychair.cli.options.recording_options import RecordingOptions
-from waychair.recordings.recording import InputSettings, read_recording
+from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.scans import mirrored
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.odometry.aid_findings import AidPart, AidState, Cause
 from waychair.slam.odometry.broken_steps import BreakKind, OrderedOdometry, repaired
+from waychair.slam.scan.scan_motion import LONGEST_APART_S
 from waychair.slam.trajectory_errors import truth_errors
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, WheelTicks
 
 GOOD = 0.05
 """m; RMSE of a map that is as good as that of sound wheels."""
@@ -166,6 +168,33 @@ def test_odometry_that_stops_is_replaced_by_the_scans_from_then_on() -> None:
     assert 0.35 * end < way.since_s < 0.7 * end
     assert way.until_s is None
     assert error_of(recording, truth)[0] < GOOD
+
+
+def sparse(recording: Recording, until_s: float, every: int) -> Recording:
+    """The recording with one scan of so many up to a time, and all readings of the wheels."""
+    frames, waiting, first = list[SensorFrame](), list[Odometry | WheelTicks](), recording.frames[0].stamp_ns
+    for k, frame in enumerate(recording.frames):
+        waiting += frame.wheels
+        if k % every == 0 or frame.stamp_ns - first > until_s * SECOND:
+            frames.append(replace(frame, wheels=tuple(waiting)))
+            waiting = []
+    return replace(recording, frames=tuple(frames))
+
+
+def test_between_scans_that_are_too_far_apart_to_be_compared_odometry_with_a_later_fault_is_kept() -> None:
+    recording, _ = recorded(from_half(lambda poses: np.broadcast_to(poses[:1], poses.shape)))
+    few = sparse(recording, 14.0, 22)
+    result = checked(few)
+    assert any(found.state is AidState.LEFT_OUT for found in result.findings)
+    told, used = (
+        [frame.wheels[-1].odom_from_base for frame in each.frames[:6] if isinstance(frame.wheels[-1], Odometry)]
+        for each in (few, result.recording)
+    )
+    assert few.frames[5].stamp_ns - few.frames[0].stamp_ns > 5 * LONGEST_APART_S * SECOND
+    assert (told[0].inverse() @ told[5]).x > 1.0
+    for before, after in pairwise(range(6)):
+        was, now = (track[before].inverse() @ track[after] for track in (told, used))
+        assert now.array() == pytest.approx(was.array(), abs=1e-6)
 
 
 def test_exchanged_wheels_are_told_from_a_hanging_lidar_by_the_gyro() -> None:
