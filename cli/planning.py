@@ -169,8 +169,8 @@ def _plan_for_the_chair(
         begun = time.thread_time()
         path = search.replan(costmap, begin.pose)
     except PlanningError as error:
-        from waychair.planning.grid.resumable import finished
         from waychair.planning.route.refused_plans import explained
+        from waychair.resumable import finished
 
         raise finished(explained(error, drawn, begin.pose, end.pose)) from error
     ms = 1e3 * (time.thread_time() - begun)

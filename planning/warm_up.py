@@ -12,7 +12,6 @@ from waychair.planning.body.clearance import CRAMPED
 from waychair.planning.body.footprint import footprint, in_cells
 from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import finished
 from waychair.planning.grid.smoothing import line_cost
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path
@@ -32,6 +31,7 @@ from waychair.planning.seen.person_tracks import Track, Tracker
 from waychair.planning.window.dwa import choose
 from waychair.planning.window.dwa_kernels import fits_after
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, towards
+from waychair.resumable import finished
 from waychair.types import OccupancyGrid, Pose2, RgbdFrame, Twist
 
 _SIDE, _CELL = 6.0, 0.05

@@ -30,12 +30,12 @@ from waychair.errors import GoalOccupied, NotConverged, PlanningError, WaychairE
 from waychair.geometry import transform_points
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.drawn_map import DrawnMap
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import PathLeg, joined_legs
 from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
 from waychair.planning.route.way_making import turning_leg
 from waychair.planning.seen.forecast import arrival, meets_soon
+from waychair.resumable import Resumable
 from waychair.types import FloatArray, Goal, Path, Pose2
 
 _TOLD_DETOUR_M = 2.0

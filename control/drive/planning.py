@@ -14,8 +14,8 @@ from waychair.control.drive.navigator_state import (
 from waychair.control.drive.path_making import PathMaker
 from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner
+from waychair.resumable import Resumable
 from waychair.types import Goal, Pose2
 
 _SLICES_STANDING, _SLICES_OF_A_TURN = 3, 4

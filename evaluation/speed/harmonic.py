@@ -25,12 +25,12 @@ from waychair.planning.body.clearance import PLANNED
 from waychair.planning.body.footprint import footprint, room
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.grid_graph import Cell
-from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic.harmonic_field import LogField, count_summits, descend, log_field, streamline
 from waychair.planning.harmonic.laplace_solvers import SolverOptions, laplace_problem, relative_residual, solve
 from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.global_planner import PlannerSettings, plan
 from waychair.planning.route.path_turns import turning_angles
+from waychair.resumable import finished
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05

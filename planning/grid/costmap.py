@@ -21,7 +21,7 @@ from waychair.maps.grid.cells import OCCUPIED_FROM, cells_under, cells_where, oc
 from waychair.maps.grid.distance_field import DistanceField, distances, near_distances, update_near
 from waychair.planning.body.clearance import COMFORTABLE, PLANNED, TOLD_APART
 from waychair.planning.grid.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
-from waychair.planning.grid.resumable import Resumable, ranges_of
+from waychair.resumable import Resumable, ranges_of
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 WALL_PRICE = 5000

@@ -45,7 +45,7 @@ from waychair.planning.grid.grid_graph import (
     step_cost,
 )
 from waychair.planning.grid.indexed_heap import ROOM, empty_heap, grown, has_room, less, put, remove
-from waychair.planning.grid.resumable import Resumable
+from waychair.resumable import Resumable
 from waychair.types import Bytes, IntArray
 
 POPS_PER_STEP = 20_000

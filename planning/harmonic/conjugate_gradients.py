@@ -12,7 +12,6 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from waychair.planning.grid.resumable import CountedSteps
 from waychair.planning.harmonic.multigrid import PASS, v_cycle_resumably
 from waychair.planning.harmonic.multigrid_levels import (
     SUMMED,
@@ -24,6 +23,7 @@ from waychair.planning.harmonic.multigrid_levels import (
 from waychair.planning.harmonic.multigrid_patches import SmoothingPatches
 from waychair.planning.harmonic.row_threads import row_ranges, sum_over_rows
 from waychair.planning.harmonic.scratch_memory import ScratchMemory, new_scratch_memory
+from waychair.resumable import CountedSteps
 from waychair.types import Float32Array, FloatArray
 
 

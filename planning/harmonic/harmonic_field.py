@@ -21,7 +21,6 @@ from numba import njit
 from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid.grid_graph import NO_BARS, Cell
-from waychair.planning.grid.resumable import CountedSteps, finished, ranges_of
 from waychair.planning.harmonic.laplace_solvers import (
     HasTime,
     LaplaceProblem,
@@ -32,6 +31,7 @@ from waychair.planning.harmonic.laplace_solvers import (
     run_solver,
 )
 from waychair.planning.harmonic.log_relay import Indices, breadth_first_order, cells_near_shortest, log_sweep
+from waychair.resumable import CountedSteps, finished, ranges_of
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
 _SMOOTHING, _REPAIRS = 2, 200

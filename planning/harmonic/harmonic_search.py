@@ -20,9 +20,9 @@ from waychair.planning.grid.grid_graph import (
     check_prices,
     padded_index,
 )
-from waychair.planning.grid.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings, LogField, descend, log_field_resumably
 from waychair.planning.harmonic.laplace_solvers import HasTime, LaplaceProblem
+from waychair.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.types import Bytes, Float32Array, IntArray
 
 ABSORBED = 2e-3

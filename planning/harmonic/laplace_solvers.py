@@ -19,11 +19,11 @@ from numba import njit
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid.cells import cells_where
 from waychair.planning.grid.grid_graph import SIDES, Cell
-from waychair.planning.grid.resumable import CountedSteps, finished
 from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients, norm_of, write_residual
 from waychair.planning.harmonic.multigrid_levels import levels_from, levels_size
 from waychair.planning.harmonic.multigrid_patches import CellRectangle, smoothing_patches
 from waychair.planning.harmonic.scratch_memory import LINE, borrowed_scratch_memory
+from waychair.resumable import CountedSteps, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
 HasTime = Callable[[], bool]

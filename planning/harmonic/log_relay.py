@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.planning.grid.grid_graph import SIDES, Cell
-from waychair.planning.grid.resumable import CountedSteps, ranges_of
+from waychair.resumable import CountedSteps, ranges_of
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray
 
 Indices: TypeAlias = NDArray[np.int32]

@@ -13,7 +13,6 @@ from itertools import pairwise, repeat
 import numpy as np
 from numba import njit
 
-from waychair.planning.grid.resumable import CountedSteps, finished
 from waychair.planning.harmonic.multigrid_levels import (
     OF_ITSELF,
     OF_NEIGHBOURS,
@@ -24,6 +23,7 @@ from waychair.planning.harmonic.multigrid_levels import (
 )
 from waychair.planning.harmonic.multigrid_patches import SmoothingPatch, SmoothingPatches, correct_after, correct_before
 from waychair.planning.harmonic.row_threads import over_rows, sum_over_rows
+from waychair.resumable import CountedSteps, finished
 from waychair.types import Float32Array
 
 PASS = 5

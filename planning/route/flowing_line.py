@@ -17,7 +17,7 @@ from numba import njit
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import evenly_spaced
 from waychair.maps.grid.distance_field import DistanceField, interpolated
-from waychair.planning.grid.resumable import CountedSteps
+from waychair.resumable import CountedSteps
 from waychair.types import Float32Array, FloatArray
 
 SPACING = 0.08

@@ -22,7 +22,6 @@ from waychair.planning.body.clearance import HARD, NARROW, STRAIGHT_DOOR
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, check_free_space
 from waychair.planning.grid.grid_graph import Cell
-from waychair.planning.grid.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
@@ -41,6 +40,7 @@ from waychair.planning.seen.forecast import (
     with_forecast,
 )
 from waychair.planning.window.motion_limits import DwaSettings
+from waychair.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
 

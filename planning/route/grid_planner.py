@@ -19,10 +19,10 @@ from waychair.errors import (
 from waychair.planning.grid.dstar_lite import DStarLite
 from waychair.planning.grid.grid_graph import Cell, Prices
 from waychair.planning.grid.grid_search import AStar, Dijkstra, GridPath
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.harmonic_search import HarmonicSearch
 from waychair.planning.harmonic.laplace_solvers import HasTime
+from waychair.resumable import Resumable
 from waychair.types import Bytes, IntArray
 
 

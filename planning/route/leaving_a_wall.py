@@ -21,7 +21,7 @@ from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEAVING_STEP, LEFT
 from waychair.planning.body.footprint import Footprint, fits, footprint, in_cells, room
-from waychair.planning.grid.resumable import Resumable
+from waychair.resumable import Resumable
 from waychair.types import FloatArray, Pose2
 
 BY_HAND = "drive it a little away by hand"

@@ -14,9 +14,9 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MANOEUVRE, MANOEUVRE_TIGHT, MAP_DOUBT
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.leaving_a_wall import leading_out_path
 from waychair.planning.route.multi_point_turn import ManoeuvreAttempt, manoeuvre_resumably
+from waychair.resumable import Resumable
 from waychair.types import Bytes, FloatArray, Pose2
 
 _ROOMY = tuple(ManoeuvreAttempt(clearance, 0.05, 72) for clearance in MANOEUVRE)

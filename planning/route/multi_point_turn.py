@@ -26,9 +26,9 @@ from waychair.maps.grid.distance_field import DistanceField, interpolated
 from waychair.planning.body.clearance import COMFORTABLE_MANOEUVRE, PLANNED
 from waychair.planning.body.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.planning.grid.grid_graph import NO_BARS
-from waychair.planning.grid.resumable import Resumable, finished
 from waychair.planning.route.speed_profile import BLIND_SPEED, turn_rate
 from waychair.planning.window.motion_limits import DwaSettings
+from waychair.resumable import Resumable, finished
 from waychair.types import Bytes, Float32Array, FloatArray, Pose2
 
 _LIMITS = DwaSettings()

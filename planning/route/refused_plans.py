@@ -25,9 +25,9 @@ from waychair.planning.body.clearance import HARD, PLANNED
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_in_bands
 from waychair.planning.grid.drawn_map import DrawnMap
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.route.path_ends import cell_at
+from waychair.resumable import Resumable
 from waychair.types import FloatArray, Pose2
 
 SLIM, LEAF, FLAT = 0.9, 0.45, 0.03

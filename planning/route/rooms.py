@@ -13,8 +13,8 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import disc_tree, fits_each, footprint, free_time, in_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import FINEST, fine_cell, fine_field
-from waychair.planning.grid.resumable import CountedSteps
 from waychair.planning.route.speed_profile import ROOMS, rooms_along
+from waychair.resumable import CountedSteps
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 _STRETCH = 1.0

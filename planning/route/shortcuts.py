@@ -20,12 +20,12 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import CountedSteps
 from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.manoeuvres import gear_changes
 from waychair.planning.route.rooms import NO_TURN, free_turn
 from waychair.planning.route.speed_profile import BLIND_SPEED, rooms_along, time_along, turn_rate, turn_time
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
+from waychair.resumable import CountedSteps
 from waychair.types import FloatArray, Pose2
 
 _NODES_EVERY = 0.4

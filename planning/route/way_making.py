@@ -18,7 +18,6 @@ from waychair.planning.body.clearance import HARD, NOISE, PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import CELLS_PER_STEP, CountedSteps, counted
 from waychair.planning.route.flowing_line import COMFORT, NO_ZONES, SPACING, flowing
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import DoorPassage, PathLeg
@@ -28,6 +27,7 @@ from waychair.planning.route.shortcuts import shortened
 from waychair.planning.route.speed_profile import time_along, turn_time
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
 from waychair.planning.window.motion_limits import DwaSettings
+from waychair.resumable import CELLS_PER_STEP, CountedSteps, counted
 from waychair.types import Float32Array, FloatArray, Path, Pose2
 
 LEAST_ROOM = PLANNED

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from waychair.resumable import CountedSteps
 from waychair.slam.graph.edges import Edge
-from waychair.slam.graph.piecewise import Piecewise
 from waychair.slam.graph.robust_optimisation import Solution, solving
 from waychair.types import FloatArray, Json
 
@@ -21,7 +21,7 @@ class Judgement:
         self.numbers, self.known = list(numbers), known
         self._poses, self._edges = poses, list(edges)
         self._spent = 0
-        self._work: Piecewise[Solution] | None = None
+        self._work: CountedSteps[Solution] | None = None
 
     @property
     def is_of_all(self) -> bool:

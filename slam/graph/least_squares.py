@@ -15,9 +15,9 @@ from numba import njit
 
 from waychair.errors import GraphError
 from waychair.geometry import compose, invert
+from waychair.resumable import CountedSteps, finished
 from waychair.slam.graph.block_cholesky import BlockCholesky, Structure, structure_of
 from waychair.slam.graph.edges import EdgeArrays, chi_square
-from waychair.slam.graph.piecewise import Piecewise, finished
 from waychair.types import BoolArray, FloatArray, IntArray
 
 _PLAIN, _HUBER, _SWITCHED = 0, 1, 2  # kernels of an edge: none, Huber's, dynamic covariance scaling
@@ -57,13 +57,13 @@ class PoseGraphProblem:
 
     def solving(
         self, poses: FloatArray, weights: FloatArray | None = None, iterations: int = 50, damped: bool = True
-    ) -> Piecewise[FloatArray]:
+    ) -> CountedSteps[FloatArray]:
         """Return the work of `solve`, a step at a time."""
         each = np.ones(len(self.edges)) if weights is None else weights
         kernels = np.where(each == 1.0, self._kernels, _PLAIN)
         return self._optimised(poses, each, kernels, 0.0, iterations, damped)
 
-    def solving_switchable(self, poses: FloatArray, scale: float, iterations: int = 50) -> Piecewise[FloatArray]:
+    def solving_switchable(self, poses: FloatArray, scale: float, iterations: int = 50) -> CountedSteps[FloatArray]:
         """Return the work towards the poses (N, 3) with each loop weighted down by its own residual, a step at a time.
 
         This is dynamic covariance scaling (Agarwal et al., ICRA 2013, eq. 15), the closed form of switchable
@@ -78,7 +78,7 @@ class PoseGraphProblem:
 
     def innovations(
         self, poses: FloatArray, weights: FloatArray, wanted: IntArray
-    ) -> Piecewise[tuple[FloatArray, FloatArray]]:
+    ) -> CountedSteps[tuple[FloatArray, FloatArray]]:
         """Work out the chi-square (K,) of the innovation of each wanted edge against the solution of the weighted others,
         and the volume (K,) [m^2 rad] of its unit ellipsoid.
 
@@ -175,7 +175,7 @@ class PoseGraphProblem:
 
     def _optimised(
         self, poses: FloatArray, weights: FloatArray, kernels: IntArray, scale: float, iterations: int, damped: bool
-    ) -> Piecewise[FloatArray]:
+    ) -> CountedSteps[FloatArray]:
         """Work out the poses after so many steps, or fewer where a step gains next to nothing."""
         present, damping = poses.copy(), _FIRST_DAMPING if damped else 0.0
         cost = self._cost(present, weights, kernels, scale)

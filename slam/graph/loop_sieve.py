@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 
+from waychair.resumable import CountedSteps
 from waychair.slam.graph.block_cholesky import structure_of
 from waychair.slam.graph.edges import EdgeArrays, chi_square, residuals
 from waychair.slam.graph.least_squares import PoseGraphProblem, joined_weights
-from waychair.slam.graph.piecewise import Piecewise
 from waychair.types import BoolArray, FloatArray
 
 MOST_WORK = 1e7
@@ -57,7 +57,7 @@ def is_too_dense(edges: EdgeArrays, count: int) -> bool:
 
 def credible_loops(
     problem: PoseGraphProblem, poses: FloatArray, solved_before: bool
-) -> Piecewise[tuple[FloatArray, BoolArray]]:
+) -> CountedSteps[tuple[FloatArray, BoolArray]]:
     """Work out the poses (N, 3) with the credible loops, and the mask (E,) of those and all other edges.
 
     Poses that are an earlier solution (`solved_before`) accept the loops that fit them from the beginning.

@@ -176,9 +176,10 @@ class PoseGraph:
         if self._parked and self._judgement is None and len(self.poses) >= self._due.judgement:
             self._begin_judgement(start)
 
-    def _begin_judgement(self, start: FloatArray) -> None:
-        """Begin to solve the whole graph with the loops that wait for it, without those rejected before."""
-        inside = [k for k in range(len(self._edges)) if k not in self._rejected or k in self._parked]
+    def _begin_judgement(self, start: FloatArray, of_all: bool = False) -> None:
+        """Begin to solve the whole graph with the loops that wait for it, without those rejected before unless it is `of_all`."""
+        left_out = set() if of_all else self._rejected.keys() - self._parked
+        inside = [k for k in range(len(self._edges)) if k not in left_out]
         self._judgement = Judgement(start, [self._edges[k] for k in inside], inside, len(self._edges))
 
     def _judge(self, most: float) -> None:
@@ -211,8 +212,7 @@ class PoseGraph:
         if left_out:  # the dear case: no other before the graph has grown
             self._due = replace(self._due, judgement=len(self.poses) + len(self.poses) // _NODES_A_JUDGEMENT)
         if len(self._rejected) >= self._due.review:  # perhaps an older loop is false
-            everything = range(len(self._edges))
-            self._judgement = Judgement(self.poses, self._edges, everything, len(everything))
+            self._begin_judgement(self.poses, of_all=True)
 
     def _park(self, poses: FloatArray, known: int) -> None:
         """Leave the loops from edge `known` on out, at the poses without them, until the next judgement is due."""

@@ -20,6 +20,7 @@ import numpy as np
 
 from waychair.errors import GraphError
 from waychair.geometry import compose, pose_from_array
+from waychair.resumable import CountedSteps, finished
 from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, chi_square, edge_arrays
 from waychair.slam.graph.least_squares import (
     PoseGraphProblem,
@@ -31,7 +32,6 @@ from waychair.slam.graph.least_squares import (
 )
 from waychair.slam.graph.loop_groups import group_cost, loop_groups
 from waychair.slam.graph.loop_sieve import credible_loops, is_too_dense
-from waychair.slam.graph.piecewise import Piecewise, finished
 from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
@@ -106,7 +106,7 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
     return finished(solving(poses, edges, solved_before))
 
 
-def solving(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False) -> Piecewise[Solution]:
+def solving(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False) -> CountedSteps[Solution]:
     """Work out the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 
     All other edges are kept, under a Huber kernel (the largest single gain measured on the Freiburg and Intel logs).
@@ -157,7 +157,7 @@ def _solution(poses: FloatArray, edges: Sequence[Edge], arrays: EdgeArrays, acce
 
 def _sieved(
     problem: PoseGraphProblem, poses: FloatArray, edges: Sequence[Edge], solved_before: bool
-) -> Piecewise[Solution]:
+) -> CountedSteps[Solution]:
     """Work out the solution of the credible loops and the other edges of a graph that has too many loops to be solved as a whole.
 
     If that is still too much, the credible loops are taken as they are.
@@ -194,7 +194,7 @@ def _hung(poses: FloatArray, edges: EdgeArrays) -> FloatArray:
     return hung
 
 
-def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> Piecewise[_Trial]:
+def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> CountedSteps[_Trial]:
     """Find the likeliest of many solutions, where the quick one rejects loops."""
     best = yield from _likelier(quick, _trusted(case, quick.poses))
     if (quick.weights == 0).sum() > FEW_LOOPS:
@@ -208,7 +208,7 @@ def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) 
     return best if best is first else (yield from _reconsidered(case, best))
 
 
-def _without_a_start(case: _Case) -> Piecewise[_Trial]:
+def _without_a_start(case: _Case) -> CountedSteps[_Trial]:
     """Find the likelier solution next to the spectral start: by dynamic covariance scaling, or with every loop trusted."""
     start = _spectral(case)
     best = yield from _likeliest(None, _quick(case, start), _trusted(case, start))
@@ -217,7 +217,7 @@ def _without_a_start(case: _Case) -> Piecewise[_Trial]:
     return best
 
 
-def _likeliest(best: _Trial | None, *attempts: Piecewise[_Trial]) -> Piecewise[_Trial | None]:
+def _likeliest(best: _Trial | None, *attempts: CountedSteps[_Trial]) -> CountedSteps[_Trial | None]:
     """Find the trial of greatest likelihood; an attempt whose equations cannot be solved counts for nothing."""
     for attempt in attempts:
         try:
@@ -229,13 +229,13 @@ def _likeliest(best: _Trial | None, *attempts: Piecewise[_Trial]) -> Piecewise[_
     return best
 
 
-def _likelier(best: _Trial, *attempts: Piecewise[_Trial]) -> Piecewise[_Trial]:
+def _likelier(best: _Trial, *attempts: CountedSteps[_Trial]) -> CountedSteps[_Trial]:
     found = yield from _likeliest(best, *attempts)
     assert found is not None
     return found
 
 
-def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> Piecewise[_Trial]:
+def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> CountedSteps[_Trial]:
     """Find the settled solution next to that of dynamic covariance scaling, or that itself if it contradicts no loop."""
     quick = yield from case.problem.solving_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
     weights = _within(case, quick)
@@ -244,7 +244,7 @@ def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> Piecewise[_Tr
     return _Trial(quick, weights, *_unlikelihood(case, quick, weights))
 
 
-def _trusted(case: _Case, poses: FloatArray) -> Piecewise[_Trial]:
+def _trusted(case: _Case, poses: FloatArray) -> CountedSteps[_Trial]:
     """Find the solution with every loop accepted, or, if it is likelier, the settled one next to it."""
     weights = np.ones(len(case.problem.edges))
     plain = yield from case.problem.solving(poses, weights, iterations=MAX_ITERATIONS)
@@ -254,7 +254,7 @@ def _trusted(case: _Case, poses: FloatArray) -> Piecewise[_Trial]:
     return (yield from _likelier(trial, _settled(case, plain)))
 
 
-def _trusted_from_nothing(case: _Case) -> Piecewise[_Trial]:
+def _trusted_from_nothing(case: _Case) -> CountedSteps[_Trial]:
     """Find the solution next to the spectral start with every loop accepted, as `_trusted` does."""
     return (yield from _trusted(case, _spectral(case)))
 
@@ -269,12 +269,12 @@ def _spectral(case: _Case) -> FloatArray:
     return with_first_pose(poses, case.start[0])
 
 
-def _settled_by_rounds(case: _Case) -> Piecewise[_Trial]:
+def _settled_by_rounds(case: _Case) -> CountedSteps[_Trial]:
     """Find the settled solution next to that of graduated non-convexity."""
     return (yield from _settled(case, (yield from _graduated(case.problem, case.start))))
 
 
-def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> Piecewise[FloatArray]:
+def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> CountedSteps[FloatArray]:
     """Work out poses by graduated non-convexity with truncated least squares on the loops.
 
     Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, weights by
@@ -298,7 +298,7 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> Piecewise[FloatA
     return poses
 
 
-def _settled(case: _Case, poses: FloatArray) -> Piecewise[_Trial]:
+def _settled(case: _Case, poses: FloatArray) -> CountedSteps[_Trial]:
     """Find the solution next to the poses whose accepted loops are exactly those within the limit."""
     weights = _within(case, poses)
     for _ in range(10):
@@ -352,7 +352,7 @@ def _rejection(case: _Case, left_out: IntArray) -> float:
     return 3.0 * len(left_out) + group_cost(case.groups, left_out, FIRST_REJECTION_COST if is_first else REJECTION_COST)
 
 
-def _reconsidered(case: _Case, best: _Trial) -> Piecewise[_Trial]:
+def _reconsidered(case: _Case, best: _Trial) -> CountedSteps[_Trial]:
     """Find the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
     A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its
@@ -383,7 +383,7 @@ def _reconsidered(case: _Case, best: _Trial) -> Piecewise[_Trial]:
     return best
 
 
-def _heard_by_group(case: _Case, best: _Trial) -> Piecewise[_Trial]:
+def _heard_by_group(case: _Case, best: _Trial) -> CountedSteps[_Trial]:
     """Find the candidate after leaving out, on trial, the accepted groups that the rest of the graph doubts most."""
     for _ in range(MAX_DOUBTS):
         better = best
@@ -397,7 +397,7 @@ def _heard_by_group(case: _Case, best: _Trial) -> Piecewise[_Trial]:
     return best
 
 
-def _without(case: _Case, best: _Trial, group: int) -> Piecewise[_Trial]:
+def _without(case: _Case, best: _Trial, group: int) -> CountedSteps[_Trial]:
     """Find the settled solution next to that without one group."""
     problem, against = case.problem, chi_square(best.poses, case.problem.edges)
     weights = np.where(case.groups == group, 0.0, best.weights)
@@ -406,7 +406,7 @@ def _without(case: _Case, best: _Trial, group: int) -> Piecewise[_Trial]:
     return (yield from _reconsidered(case, (yield from _settled(case, begun))))
 
 
-def _begun_without(case: _Case, group: int) -> Piecewise[_Trial]:
+def _begun_without(case: _Case, group: int) -> CountedSteps[_Trial]:
     """Find the settled solution from the start with every loop but those of one group trusted.
 
     A large group that was trusted from the beginning may have bent the poses so far that no other loop comes back.

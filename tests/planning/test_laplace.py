@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from tests.planning.plain_multigrid import drawn, plain_cycle, scattered, walls_of
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, MissingExtra, NotConverged
-from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients, write_residual
 from waychair.planning.harmonic.laplace_gpu import gpu_at_hand
 from waychair.planning.harmonic.laplace_solvers import (
@@ -28,6 +27,7 @@ from waychair.planning.harmonic.laplace_solvers import (
 )
 from waychair.planning.harmonic.multigrid import v_cycle
 from waychair.planning.harmonic.multigrid_levels import levels_from
+from waychair.resumable import finished
 from waychair.types import BoolArray, Float32Array, FloatArray
 
 
@@ -202,7 +202,7 @@ import numpy as np
 from waychair.planning.harmonic.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
 from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients
 from waychair.planning.harmonic.multigrid_levels import levels_from
-from waychair.planning.grid.resumable import finished
+from waychair.resumable import finished
 assert gpu_at_hand()
 rng = np.random.default_rng(0)
 walls = np.where(rng.random((7, 9)) > 0.2, rng.choice([0.0, 0.05], (7, 9)), np.inf).astype(np.float32)

@@ -9,8 +9,8 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.dstar_lite import CELLS_PER_STEP, POPS_PER_STEP, DStarLite
 from waychair.planning.grid.grid_graph import FREE_PRICE, Prices
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner
+from waychair.resumable import finished
 from waychair.types import OccupancyGrid, Pose2
 
 

@@ -12,10 +12,10 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.grid.drawn_map import DrawnMap
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, check_goal
 from waychair.planning.route.path_ends import check_start
 from waychair.planning.route.refused_plans import explained
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05

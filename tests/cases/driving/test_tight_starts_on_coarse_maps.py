@@ -14,9 +14,9 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import LEFT, MAP_DOUBT
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path, standing_body
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL, SIDE = 0.05, 6.0

@@ -17,7 +17,6 @@ from waychair.maps.grid.moving_ai import load_free_cells
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.grid.grid_graph import FREE_PRICE, Cell, directions_against
-from waychair.planning.grid.resumable import finished, in_time_slices
 from waychair.planning.harmonic import harmonic_field as harmonic
 from waychair.planning.harmonic import harmonic_search
 from waychair.planning.harmonic.harmonic_field import (
@@ -34,6 +33,7 @@ from waychair.planning.harmonic.harmonic_search import HarmonicSearch, absorptio
 from waychair.planning.harmonic.laplace_solvers import SolverOptions, laplace_problem, solve
 from waychair.planning.harmonic.log_relay import breadth_first_order, cells_near_shortest, log_sweep
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings, plan
+from waychair.resumable import finished, in_time_slices
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 REAL = ("real_intel", "real_freiburg-079")

@@ -10,7 +10,6 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.grid.costmap import costmap_from_grid
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings, plan
 from waychair.planning.route.keep_right import KeepRightSettings
 from waychair.planning.seen.forecast import (
@@ -22,6 +21,7 @@ from waychair.planning.seen.forecast import (
     with_forecast,
 )
 from waychair.planning.seen.person_tracks import Track, transformed_tracks
+from waychair.resumable import finished
 from waychair.types import OccupancyGrid, Pose2
 
 GRID = OccupancyGrid(np.zeros((120, 160), np.int8), 0.05, Pose2(-1.0, -1.0, 0.0))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tests.planning.plain_multigrid import ROUND, drawn, plain_cycle, scattered, walls_of
-from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic import multigrid_patches as module
 from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients
 from waychair.planning.harmonic.laplace_solvers import laplace_problem
 from waychair.planning.harmonic.multigrid import v_cycle, v_cycle_resumably
 from waychair.planning.harmonic.multigrid_levels import MultigridLevel, levels_from
 from waychair.planning.harmonic.multigrid_patches import CellRectangle, SmoothingPatches, smoothing_patches
+from waychair.resumable import finished
 from waychair.types import Float32Array, FloatArray
 
 

@@ -14,11 +14,11 @@ from waychair.errors import PlanningError
 from waychair.geometry import arc_lengths, evenly_spaced, wrap_angle
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.flowing_line import CELLS_A_POINT, STEPS, flowing
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.rooms import rooms_beside
 from waychair.planning.route.speed_profile import ROOMS
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL, PRICE = 0.05, 40000.0

@@ -15,10 +15,10 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.route.keep_right import kept_right
 from waychair.planning.seen.forecast import ExpectedPeople, arrival
+from waychair.resumable import finished
 from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Path, Pose2
 
 START, GOAL = Pose2(1.0, 1.0), Pose2(9.0, 1.0, 0.3)

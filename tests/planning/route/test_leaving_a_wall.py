@@ -12,9 +12,9 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path, reason_for_cramped
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 WALL, SIDE = 0.2, 5.0

@@ -10,8 +10,8 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.body.footprint import disc_tree
 from waychair.planning.grid.costmap import LiveCostmap
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.rooms import can_turn, prepare_outlines, rooms_beside, turn_to
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 

@@ -11,11 +11,11 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.body.clearance import PLANNED
 from waychair.planning.grid.costmap import costmap_from_grid
-from waychair.planning.grid.resumable import finished
 from waychair.planning.route.flowing_line import NO_ZONES
 from waychair.planning.route.shortcuts import shortened
 from waychair.planning.route.way_pieces import Ground, Piece
 from waychair.planning.window.motion_limits import DwaSettings
+from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid
 
 

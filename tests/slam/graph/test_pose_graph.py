@@ -9,10 +9,10 @@ import pytest
 
 from tests.slam.graph.two_laps import grown, laps, measured, rmse
 from waychair.errors import GraphError
+from waychair.resumable import CountedSteps
 from waychair.slam.graph.edges import Edge, EdgeKind, edge_arrays
 from waychair.slam.graph.g2o_files import read_g2o
 from waychair.slam.graph.least_squares import least_squares
-from waychair.slam.graph.piecewise import Piecewise
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.graph.robust_optimisation import RejectionReason, Solution, chained_poses, solving
 from waychair.slam.mapping.checkpoint import object_from_state, state_of
@@ -54,7 +54,7 @@ def test_many_loops_in_doubt_are_judged_together_now_and_then_and_all_at_the_end
     truth, edges = laps()
     solutions: list[int] = []
 
-    def counted(poses: FloatArray, known: list[Edge], solved_before: bool = False) -> Piecewise[Solution]:
+    def counted(poses: FloatArray, known: list[Edge], solved_before: bool = False) -> CountedSteps[Solution]:
         solutions.append(len(poses))
         return solving(poses, known, solved_before)
 

@@ -16,9 +16,8 @@ def series() -> ScanSeries:
 
 
 def test_all_intervals_between_scans_follow_each_other() -> None:
-    times = np.array(
-        [0.0, 1.0, 1.2, 1.5, 2.0, 2.0, 4.0, 6.0, 6.5, 9.0]
-    )  # the scan at 1.2 s was too near the one before
+    # the scan at 1.2 s was too near the one before
+    times = np.array([0.0, 1.0, 1.2, 1.5, 2.0, 2.0, 4.0, 6.0, 6.5, 9.0])
     every = series().with_all(times)
     assert every.intervals[:, 0].tolist() == [0.0, 1.0, 1.5, 2.0, 4.0, 6.0, 6.5]
     assert (every.intervals[1:, 0] == every.intervals[:-1, 1]).all()

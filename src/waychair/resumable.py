@@ -1,4 +1,4 @@
-"""Resumable generators, for work longer than a control period: they yield between bounded parts."""
+"""Resumable generators, for work longer than a control period or a scan: they yield between bounded parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Resumable: TypeAlias = Generator[None, None, Result]
 """A generator that yields wherever the control loop may interrupt the work."""
 
 CountedSteps: TypeAlias = Generator[int, None, Result]
-"""A generator that yields, after each small part, how many grid cells that part has visited."""
+"""A generator that yields, after each small part, how much that part has done: grid cells visited, or graph nodes solved."""
 
 
 def finished(work: Generator[object, None, Result]) -> Result:
