@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import logging
 import os
 import shutil
@@ -218,29 +219,32 @@ def test_pictures_are_off_by_default_and_as_rare_as_configured(quiet: Drive, tmp
 def test_a_disk_that_hangs_never_delays_the_chair(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hangs, goes_on = threading.Event(), threading.Event()
+    hangs, is_hanging, goes_on = threading.Event(), threading.Event(), threading.Event()
     write = os.write
 
     def hanging(file: int, data: bytes) -> int:
         if hangs.is_set():
+            is_hanging.set()
             goes_on.wait(20.0)
         return write(file, data)
 
     monkeypatch.setattr(black_box_store.os, "write", hanging)
     heard, state, board = quiet.notes[0]
     monkeypatch.setattr(black_box, "QUEUE_TICKS", 10)
+    stamps_ns = itertools.count(0, 50_000_000)
     with BlackBox(tmp_path, LOGGED_CHAIR) as box:
         hangs.set()
-        for k in range(100):
-            box.note_tick(heard, replace(state, stamp_ns=k * 50_000_000), board)
-            time.sleep(0.005)  # so that the thread comes to write
-        assert box.lost >= 50
+        while not is_hanging.wait(0.005):
+            box.note_tick(heard, replace(state, stamp_ns=next(stamps_ns)), board)
+        for _ in range(100):
+            box.note_tick(heard, replace(state, stamp_ns=next(stamps_ns)), board)
+        assert box.lost >= 90
         goes_on.set()
         wait_for(box, 0)
-        box.note_tick(heard, replace(state, stamp_ns=101 * 50_000_000), board)
+        box.note_tick(heard, replace(state, stamp_ns=next(stamps_ns)), board)
     log = read_log(segment_files(tmp_path))
     assert log.lost == box.lost
-    assert len(log.ticks) == 101 - box.lost
+    assert len(log.ticks) == next(stamps_ns) // 50_000_000 - box.lost
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO])
