@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.geometry import wrap_angle
+from waychair.geometry import compose, wrap_angle
 from waychair.maps.grid.cells import cells_from_points, inside
-from waychair.planning.body.footprint import fits_each
+from waychair.planning.body.footprint import fits, fits_each
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.steps.step import Step, StepKind
-from waychair.types import FloatArray, Pose2
+from waychair.types import BoolArray, FloatArray, Pose2
 
 SPIN_ROOM = 0.04
 """m; kept round the disc that the outline sweeps in a spin: a driver's hand does not turn quite on the spot."""
@@ -72,9 +72,22 @@ class ClearGround:
         """Return whether the outline, grown by `margin` [m], drives straight by `along` [m], backwards if negative."""
         count = max(2, math.ceil(abs(along) / (self.costmap.grid.resolution * 2)) + 1)
         on = np.linspace(0.0, along, count)
-        c, s = math.cos(start.theta), math.sin(start.theta)
-        poses = np.column_stack([start.x + c * on, start.y + s * on, np.full(count, start.theta)])
-        return bool(fits_each(self.costmap.body, margin, self.costmap.field, poses).all())
+        return bool(self.free_until(compose(start.array(), np.column_stack([on, np.zeros((count, 2))])), margin)[-1])
+
+    def free_until(self, poses: FloatArray, margin: float) -> BoolArray:
+        """Return (N,) whether the outline, grown by `margin` [m], is free at each of poses (N, 3) and at all before it."""
+        free: BoolArray = np.logical_and.accumulate(fits_each(self.costmap.body, margin, self.costmap.field, poses))
+        return free
+
+    def room_at(self, pose: Pose2, most: float) -> float | None:
+        """Return the room [m] round the outline at a pose, up to `most`; None inside a thing by more than a cell.
+
+        It is negative where the outline reaches into the cell of a thing: a chair may stand nearer to a wall than a cell
+        tells.
+        """
+        cell = self.costmap.grid.resolution
+        rooms = (most, 0.0, -0.5 * cell, -cell)
+        return next((room for room in rooms if fits(self.costmap.body, room, self.costmap.field, pose)), None)
 
     def is_free_from(self, steps: Sequence[Step], pose: Pose2) -> bool:
         """Return whether the outline drives the straight legs of `steps`, from the chair's pose on the first of them."""

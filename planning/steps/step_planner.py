@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from waychair.geometry import evenly_spaced, transform_points, wrap_angle
+from waychair.geometry import compose, evenly_spaced, transform_points, wrap_angle
 from waychair.planning.body.clearance import NARROW
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
@@ -44,8 +44,9 @@ _ALONG, _ASIDE = 0.4, (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
 _GOAL_RINGS, _GOAL_COST = (0.15, 0.3), 4.0
 """m and cost per m; an arrival so near to the goal will do where the goal itself is too tight, the nearer the better."""
 
-_OUT_AHEAD, _OUT_BACK = (0.25, 0.5, 0.8, 1.2, 1.6, 2.0), (0.25, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0)
-"""m; ways straight out of a place in which the chair cannot turn."""
+_OUT_AHEAD, _OUT_BACK, _OUT_APART, _OUT_ON = 2.0, 3.0, 0.1, 3
+"""m; the longest ways straight out of a place in which the chair cannot turn, the way between two looks on them, and how many of the
+places with room to spin are looked at: a driver does not stop to the hand's breadth, so the one with the most room is taken."""
 
 _LAST_TURN = math.radians(15.0)
 """rad; the chair turns to the goal's heading at the end only if it is farther off."""
@@ -263,16 +264,23 @@ def _crosses(through: Step, start: FloatArray, ends: FloatArray) -> BoolArray:
 
 
 def _ways_out(ground: ClearGround, start: Pose2) -> Iterator[tuple[float, Step]]:
-    """Yield cost and step of the ways straight ahead and back out of a start to the first place with room to spin."""
-    for kind, distances, price in ((StepKind.STRAIGHT, _OUT_AHEAD, 1.0), (StepKind.BACK, _OUT_BACK, -BACK_COST)):
-        for distance in distances:
-            along = math.copysign(distance, price)
-            end = start @ Pose2(along)
-            if not ground.straight_is_free(start, along, _OUT_ROOM):
-                break
-            if ground.spin_room(np.array([[end.x, end.y]]))[0] >= SPIN_ROOM:
-                yield price * along, Step(kind, start, end, room=_OUT_ROOM)
-                break
+    """Yield cost and step of the ways straight ahead and back out of a start to the first place with room to spin.
+
+    A chair that stands nearer to something than `_OUT_ROOM` keeps as much room as it has.
+    """
+    room = ground.room_at(start, _OUT_ROOM)
+    if room is None:
+        return
+    for kind, longest, price in ((StepKind.STRAIGHT, _OUT_AHEAD, 1.0), (StepKind.BACK, _OUT_BACK, -BACK_COST)):
+        along = math.copysign(_OUT_APART, price) * np.arange(1, round(longest / _OUT_APART) + 1)
+        ends = compose(start.array(), np.column_stack([along, np.zeros((len(along), 2))]))
+        rooms = ground.spin_room(ends[:, :2])
+        rooms[~ground.free_until(ends, room)] = -math.inf
+        spins = np.flatnonzero(rooms >= SPIN_ROOM)
+        if len(spins):
+            first = int(spins[0])
+            best = first + int(np.argmax(rooms[first : first + _OUT_ON]))
+            yield price * float(along[best]), Step(kind, start, Pose2(*ends[best].tolist()), room=room)
 
 
 _RANK_COST = 0.8
