@@ -100,16 +100,14 @@ class ClearGround:
                 return False
         return True
 
-    def turn_is_free(self, at: Pose2, heading: float) -> float | None:
-        """Return the turn [rad] from a pose to a heading through which the outline is free: the shorter one first.
+    def turn_is_free(self, at: Pose2, heading: float) -> bool:
+        """Return whether the outline is free through the shorter turn from a pose to a heading [rad].
 
-        None where both ways round are blocked.
+        A chair that stands nearer to something than `TURN_ROOM` keeps as much room as it has.
         """
-        short = wrap_angle(heading - at.theta)
-        for turn in (short, short - math.copysign(math.tau, short)):
-            count = max(2, math.ceil(abs(turn) / _TURN_STEP) + 1)
-            headings = at.theta + np.linspace(0.0, turn, count)
-            poses = np.column_stack([np.full(count, at.x), np.full(count, at.y), headings])
-            if fits_each(self.costmap.body, TURN_ROOM, self.costmap.field, poses).all():
-                return turn
-        return None
+        room, turn = self.room_at(at, TURN_ROOM), wrap_angle(heading - at.theta)
+        if room is None:
+            return False
+        count = max(2, math.ceil(abs(turn) / _TURN_STEP) + 1)
+        turned = np.column_stack([np.zeros((count, 2)), np.linspace(0.0, turn, count)])
+        return bool(self.free_until(compose(at.array(), turned), room)[-1])

@@ -11,6 +11,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -44,9 +45,16 @@ _ALONG, _ASIDE = 0.4, (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
 _GOAL_RINGS, _GOAL_COST = (0.15, 0.3), 4.0
 """m and cost per m; an arrival so near to the goal will do where the goal itself is too tight, the nearer the better."""
 
-_OUT_AHEAD, _OUT_BACK, _OUT_APART, _OUT_ON = 2.0, 3.0, 0.1, 3
-"""m; the longest ways straight out of a place in which the chair cannot turn, the way between two looks on them, and how many of the
-places with room to spin are looked at: a driver does not stop to the hand's breadth, so the one with the most room is taken."""
+_OUT_APART, _OUT_LOOKS, _OUT_ON, _OUT_TURN = 0.1, 30, 3, math.radians(10.0)
+"""m between the looks, and how many, on a way straight out of a place in which the chair cannot turn; how many of the places with room
+to spin are looked at, because a driver does not stop to the hand's breadth, so that the one with the most room is taken; and rad between
+the directions of such ways."""
+
+_SHUFFLE, _SHUFFLES = 0.2, 5
+"""m, and how many times as far at the most, straight on or back before a turn that is not free at the start."""
+
+_WAYS = ((StepKind.STRAIGHT, 1.0), (StepKind.BACK, -BACK_COST))
+"""The straight ways, and the price of a metre along the chair's own axis."""
 
 _LAST_TURN = math.radians(15.0)
 """rad; the chair turns to the goal's heading at the end only if it is farther off."""
@@ -137,7 +145,7 @@ _DEEPEST = 0.4
 
 def _last_heading(ground: ClearGround, here: Pose2, goal: Pose2) -> float | None:
     """Return the goal's heading if the chair has to turn to it and can."""
-    if abs(wrap_angle(goal.theta - here.theta)) < _LAST_TURN or ground.turn_is_free(here, goal.theta) is None:
+    if abs(wrap_angle(goal.theta - here.theta)) < _LAST_TURN or not ground.turn_is_free(here, goal.theta):
         return None
     return goal.theta
 
@@ -166,9 +174,9 @@ class _Search:
     ) -> None:
         self._ground, self._start, self._goal = ground, start, goal
         doors = [(rank, step) for ways in passages for rank, step in enumerate(ways)]
-        outs = list(_ways_out(ground, start))
+        outs = _ways_out(ground, start)
         at_doors = [(pose.x, pose.y) for _, step in doors for pose in (step.start, step.end)]
-        more = np.array([*at_doors, *((step.end.x, step.end.y) for _, step in outs), (start.x, start.y)])
+        more = np.array([*at_doors, *((legs[-1].end.x, legs[-1].end.y) for _, legs in outs), (start.x, start.y)])
         self._points = np.concatenate([places, more])
         self._spins = ground.spin_room(self._points) >= SPIN_ROOM
         self._spins[-1] = False
@@ -177,14 +185,14 @@ class _Search:
         first = len(places)
         self._doors = {first + 2 * k: (_RANK_COST * rank, step) for k, (rank, step) in enumerate(doors)}
         first += len(at_doors)
-        self._outs = [(first + k, cost, step) for k, (cost, step) in enumerate(outs)]
+        self._outs = [(first + k, cost, legs) for k, (cost, legs) in enumerate(outs)]
         self._rooms: dict[int, FloatArray] = {}
 
     def legs(self, wander: float) -> list[Step] | None:
         """Return the cheapest legs whose rooms are at least `wander` [m]; None without any."""
         here = len(self._points) - 1
         best = {here: 0.0}
-        came: dict[int, tuple[int, Step]] = {}
+        came: dict[int, tuple[int, tuple[Step, ...]]] = {}
         order = itertools.count()
         queue: list[tuple[float, int, int, bool]] = [(0.0, next(order), here, False)]
         settled: set[int] = set()
@@ -197,28 +205,28 @@ class _Search:
             settled.add(at)
             if math.isfinite(self._last[at]) and at != here:
                 heapq.heappush(queue, (best[at] + float(self._last[at]), next(order), at, True))
-            for onto, more, leg in self._onward(at, wander):
+            for onto, more, steps in self._onward(at, wander):
                 reached = best[at] + more
                 if onto not in settled and reached < best.get(onto, math.inf) - 1e-9:
-                    best[onto], came[onto] = reached, (at, leg)
+                    best[onto], came[onto] = reached, (at, steps)
                     away = math.hypot(self._points[onto][0] - self._goal.x, self._points[onto][1] - self._goal.y)
                     heapq.heappush(queue, (reached + max(away - _GOAL_RINGS[-1], 0.0), next(order), onto, False))
         return None
 
-    def _chain(self, came: dict[int, tuple[int, Step]], at: int) -> list[Step]:
+    def _chain(self, came: dict[int, tuple[int, tuple[Step, ...]]], at: int) -> list[Step]:
         legs: list[Step] = []
         while at in came:
-            at, leg = came[at]
-            legs.append(leg)
-        return legs[::-1]
+            at, steps = came[at]
+            legs[:0] = steps
+        return legs
 
-    def _onward(self, at: int, wander: float) -> list[tuple[int, float, Step]]:
-        """Return the legs from a node: the node at their end, their cost, and the step."""
-        onward: list[tuple[int, float, Step]] = []
+    def _onward(self, at: int, wander: float) -> list[tuple[int, float, tuple[Step, ...]]]:
+        """Return the ways on from a node: the node at their end, their cost, and the legs."""
+        onward: list[tuple[int, float, tuple[Step, ...]]] = []
         is_start = at == len(self._points) - 1
         if at in self._doors:
             rank, through = self._doors[at]
-            onward.append((at + 1, through.length + rank, through))
+            onward.append((at + 1, through.length + rank, (through,)))
         if not (is_start or self._spins[at]):
             return onward
         here = self._points[at]
@@ -231,14 +239,13 @@ class _Search:
             heading = math.atan2(y, x)
             begin = Pose2(float(here[0]), float(here[1]), heading)
             end = Pose2(begin.x + x, begin.y + y, heading)
-            if is_start and self._ground.turn_is_free(self._start, heading) is None:
+            if is_start and not self._ground.turn_is_free(self._start, heading):
                 continue
             if not self._spins[onto] and not self._ground.straight_is_free(_near_end(begin, end), _LAST_PART, 0.0):
                 continue
             tight = _TIGHT_COST * max(WANDERS[0] - float(rooms[onto]), 0.0) * length
-            onward.append(
-                (onto, length + PIVOT_COST + tight, Step(StepKind.STRAIGHT, begin, end, room=float(rooms[onto])))
-            )
+            leg = Step(StepKind.STRAIGHT, begin, end, room=float(rooms[onto]))
+            onward.append((onto, length + PIVOT_COST + tight, (leg,)))
         if is_start:
             onward += self._outs
         return onward
@@ -263,16 +270,47 @@ def _crosses(through: Step, start: FloatArray, ends: FloatArray) -> BoolArray:
     return within
 
 
-def _ways_out(ground: ClearGround, start: Pose2) -> Iterator[tuple[float, Step]]:
-    """Yield cost and step of the ways straight ahead and back out of a start to the first place with room to spin.
+_Way: TypeAlias = tuple[float, tuple[Step, ...]]
+"""Cost of legs, and the legs, in order."""
+
+
+def _ways_out(ground: ClearGround, start: Pose2) -> list[_Way]:
+    """Return ways out of a start to places with room to spin: straight ahead or back, where the chair cannot spin after a turn as far
+    as is free, and if that does not lead out either, after a shuffle and a turn.
 
     A chair that stands nearer to something than `_OUT_ROOM` keeps as much room as it has.
     """
     room = ground.room_at(start, _OUT_ROOM)
     if room is None:
-        return
-    for kind, longest, price in ((StepKind.STRAIGHT, _OUT_AHEAD, 1.0), (StepKind.BACK, _OUT_BACK, -BACK_COST)):
-        along = math.copysign(_OUT_APART, price) * np.arange(1, round(longest / _OUT_APART) + 1)
+        return []
+    ways = list(_straight_out(ground, start, room))
+    if ground.spin_room(np.array([[start.x, start.y]]))[0] >= SPIN_ROOM:
+        return ways
+    ways += _turned_out(ground, start, room)
+    return ways or list(_shuffled_out(ground, start, room))
+
+
+def _shuffled_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
+    for kind, price in _WAYS:
+        for along in np.arange(1, _SHUFFLES + 1) * math.copysign(_SHUFFLE, price):
+            if not ground.straight_is_free(start, along, room):
+                break
+            step = Step(kind, start, start @ Pose2(float(along)), room=room)
+            for cost, legs in _turned_out(ground, step.end, room):
+                yield cost + price * float(along), (step, *legs)
+
+
+def _turned_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
+    for side in (1.0, -1.0):
+        turned = (start @ Pose2(theta=side * turn) for turn in np.arange(_OUT_TURN, math.pi, _OUT_TURN).tolist())
+        for pose in itertools.takewhile(lambda pose: ground.turn_is_free(start, pose.theta), turned):
+            yield from ((PIVOT_COST + cost, legs) for cost, legs in _straight_out(ground, pose, room))
+
+
+def _straight_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
+    """Yield the ways straight ahead and back to the first place with room to spin."""
+    for kind, price in _WAYS:
+        along = math.copysign(_OUT_APART, price) * np.arange(1, _OUT_LOOKS + 1)
         ends = compose(start.array(), np.column_stack([along, np.zeros((len(along), 2))]))
         rooms = ground.spin_room(ends[:, :2])
         rooms[~ground.free_until(ends, room)] = -math.inf
@@ -280,7 +318,7 @@ def _ways_out(ground: ClearGround, start: Pose2) -> Iterator[tuple[float, Step]]
         if len(spins):
             first = int(spins[0])
             best = first + int(np.argmax(rooms[first : first + _OUT_ON]))
-            yield price * float(along[best]), Step(kind, start, Pose2(*ends[best].tolist()), room=room)
+            yield price * float(along[best]), (Step(kind, start, Pose2(*ends[best].tolist()), room=room),)
 
 
 _RANK_COST = 0.8

@@ -12,6 +12,7 @@ from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap, LiveCostmap, costmap_from_grid
 from waychair.planning.route.legs import DoorPassage
+from waychair.planning.steps.clear_ground import SPIN_ROOM, ClearGround
 from waychair.planning.steps.door_steps import doors_too_narrow
 from waychair.planning.steps.step import NoSteps, StepKind, StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
@@ -159,3 +160,26 @@ def test_a_chair_that_stands_half_a_centimetre_beside_a_wall_is_led_on_along_it(
     plan = planned(costmap, start, Pose2(6.0, 3.0))
     assert plan.steps[0].kind is StepKind.STRAIGHT
     assert plan.steps[0].start.theta == 0.0
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        Pose2(7.33, 4.29, 0.26),  # turned a little, straight on
+        Pose2(7.55, 4.01, 2.87),  # a shuffle, and then turned
+        Pose2(3.16, 2.45, 2.87),
+        Pose2(12.88, 8.55, -2.99),
+    ],
+)
+def test_from_where_a_chair_can_neither_spin_nor_drive_straight_out_it_is_led_by_a_turn_that_is_free(
+    start: Pose2,
+) -> None:
+    world = load_world("small_clinic")
+    costmap = LiveCostmap(world.grid, CHAIR_A, ()).costmap()
+    reception = next(place.pose for place in world.places if place.name == "reception")
+    plan = planned(costmap, start, reception)
+    turns = [number for number, step in enumerate(plan.steps) if step.kind is StepKind.PIVOT]
+    spins = ClearGround(costmap).spin_room(np.array([[step.start.x, step.start.y] for step in plan.steps]))
+    assert spins[turns[0]] < SPIN_ROOM, "the first turn is not one on open ground"
+    until = swept_poses(StepPlan(plan.steps[: turns[0] + 2]))
+    assert all(fits_each(CHAIR_A, 0.0, distance_field(world.grid), until))
