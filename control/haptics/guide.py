@@ -122,7 +122,6 @@ class StepGuide:
 OPEN = StickHold()
 """A word's hold of the stick until the tick's own is known."""
 
-
 _SIDE: Mapping[Symbol | None, float] = {Symbol.SWIVEL_LEFT: 1.0, Symbol.SWIVEL_RIGHT: -1.0}
 """The side to which a swivel turns; one that was said keeps its side where either way round is about as long."""
 
@@ -300,9 +299,10 @@ class _Tick:
         left = along - state.back_until
         following = self._after_back(state)
         backs = v < -STILL_V
-        obeyed_s = self._since_obeyed(state)
-        stuck = obeyed_s > STUCK_S or (self.now.held_back and obeyed_s > OBEYED_S)
-        if state.said is Symbol.BACK and not backs and stuck:
+        if state.said is Symbol.BACK:
+            state = self._watched(state, backs)
+        held = state.said is Symbol.BACK and self.now.held_back and self._since_obeyed(state) > OBEYED_S
+        if not backs and (held or self._stood(state, Symbol.BACK) > STUCK_S):
             if self.plan.steps[state.step].kind is StepKind.PIVOT:
                 return self._quiet("neither the turn nor the way back is free", state, astray=True)
             return self._leave_back(state)
