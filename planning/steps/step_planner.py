@@ -248,7 +248,18 @@ class _Search:
             onward.append((onto, length + PIVOT_COST + tight, (leg,)))
         if is_start:
             onward += self._outs
+            onward += self._short_ways()
         return onward
+
+    def _short_ways(self) -> Iterator[tuple[int, float, tuple[Step, ...]]]:
+        """Yield ways too short for a turn, to places with room to spin that lie straight ahead of the start or behind it."""
+        along, aside = transform_points(self._start.inverse(), self._points).T
+        near = self._spins & (np.abs(aside) <= _ON_AXIS) & (np.abs(along) < _SHORTEST) & (np.abs(along) > _ON_AXIS)
+        for onto in np.flatnonzero(near).tolist():
+            way = float(along[onto])
+            if self._ground.straight_is_free(self._start, way, _OUT_ROOM):
+                kind, price = _WAYS[0] if way > 0.0 else _WAYS[1]
+                yield onto, price * way, (Step(kind, self._start, self._start @ Pose2(way), room=_OUT_ROOM),)
 
     def _rooms_from(self, at: int) -> FloatArray:
         if at not in self._rooms:
@@ -326,6 +337,9 @@ _RANK_COST = 0.8
 
 _SHORTEST = 0.25
 """m; shorter legs are not worth a turn."""
+
+_ON_AXIS = 0.03
+"""m; a place so little beside the chair's axis lies straight ahead or behind."""
 
 _TIGHT_COST = 8.0
 """Cost per m of missing room and m of way: wide ways are preferred to short ones."""

@@ -183,3 +183,12 @@ def test_from_where_a_chair_can_neither_spin_nor_drive_straight_out_it_is_led_by
     assert spins[turns[0]] < SPIN_ROOM, "the first turn is not one on open ground"
     until = swept_poses(StepPlan(plan.steps[: turns[0] + 2]))
     assert all(fits_each(CHAIR_A, 0.0, distance_field(world.grid), until))
+
+
+@pytest.mark.parametrize(("start", "goal"), [("kitchen", "bath"), ("bath", "bedroom")])
+def test_a_door_whose_pivot_lies_a_hand_s_breadth_ahead_is_reached_without_a_way_back(start: str, goal: str) -> None:
+    world = load_world("apartment")
+    places = {place.name: place.pose for place in world.places}
+    plan = planned(LiveCostmap(world.grid, CHAIR_A, ()).costmap(), places[start], places[goal])
+    assert [step.kind for step in plan.steps[:3]] == [StepKind.STRAIGHT, StepKind.PIVOT, StepKind.DOOR]
+    assert plan.steps[0].length < 0.25
