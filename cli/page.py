@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import NonEmptyPath, NonNegativeInt
+from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def page_command(
     haptics: NonEmptyPath | None = None,
     glove: str | None = None,
     driver: str | None = None,
+    stick: Path | None = None,
 ) -> None:
     """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
 
@@ -87,6 +88,9 @@ def page_command(
     driver
         A simulated driver who feels the glove's program and moves the chair's own joystick, such as default or older (see
         `waychair guide`).
+    stick
+        A joystick of this computer (Linux), such as /dev/input/js0, which moves the chair's own; with --glove a person can
+        practise being led.
     """
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.haptic_options import haptic_options
@@ -104,6 +108,8 @@ def page_command(
     configured = load_configuration(config)
     record = Habits(habits or default_path())
     touch = haptic_options(haptics, glove, driver)
+    if driver is not None and stick is not None:
+        raise BadArgument("a simulated driver moves the chair's own joystick: leave --driver or --stick out")
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
@@ -123,6 +129,7 @@ def page_command(
             habits=record,
             kept_level=KeptLevel(haptics),
             haptics=touch,
+            stick=stick,
         ) as chair,
         page_server(
             chair,

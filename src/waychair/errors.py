@@ -221,6 +221,10 @@ class SensorError(WaychairError):
     """Messages of a sensor contradict each other."""
 
 
+class JoystickError(WaychairError):
+    """A joystick of this computer cannot be opened, or was unplugged."""
+
+
 class SessionLogError(WaychairError):
     """The record of guided drives for a trainer cannot be read."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import struct
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +16,7 @@ from waychair.firmware_bridge.glove.messages import Hand, PlayStep
 from waychair.firmware_bridge.glove.program import GloveConfig, HostGlove, glove_program
 from waychair.firmware_bridge.transports import Reconnecting, check_port, transport_from_text
 from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel
+from waychair.trials.live.computer_joystick import ComputerJoystick
 from waychair.types import JoystickInput
 
 TICK_NS = 20_000_000
@@ -26,12 +25,6 @@ READY_S = 3.0
 """s within which a glove must answer."""
 
 VALID_MS = 500
-
-_EVENT = struct.Struct("<IhBB")
-"""An event of Linux's joystick interface: time, value, type, number (linux/joystick.h)."""
-
-_AXIS = 2
-_FULL = 32767.0
 
 
 class SimulatedPlayer:
@@ -60,10 +53,8 @@ class SimulatedPlayer:
 class LivePlayer:
     """A person with a glove on a port and a joystick of this computer, which moves no chair."""
 
-    def __init__(self, bridge: GloveBridge, stick: int) -> None:
-        """`stick`: the descriptor of a Linux joystick, such as /dev/input/js0, that does not block."""
+    def __init__(self, bridge: GloveBridge, stick: ComputerJoystick) -> None:
         self._bridge, self._stick = bridge, stick
-        self._axes = [0.0, 0.0]  # to the right, to the rear
 
     @property
     def now_ns(self) -> int:
@@ -74,26 +65,11 @@ class LivePlayer:
         """See `Player`."""
         time.sleep(TICK_NS * 1e-9)
         self._bridge.tick(self.now_ns, armed=False)
-        self._read()
-        return JoystickInput(self.now_ns, -self._axes[1], -self._axes[0])
+        return self._stick.read(self.now_ns)
 
     def play(self, steps: Sequence[PlayStep], priority: int) -> str:
         """See `Player`."""
         return self._bridge.play(steps, priority, VALID_MS, self.now_ns)
-
-    def _read(self) -> None:
-        while True:
-            try:
-                event = os.read(self._stick, _EVENT.size)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                raise GloveError(f"the joystick is lost ({error.strerror}): plug it in again") from error
-            if len(event) < _EVENT.size:
-                return
-            _, value, kind, number = _EVENT.unpack(event)
-            if kind & _AXIS and number < len(self._axes):
-                self._axes[number] = value / _FULL
 
 
 @contextmanager
@@ -121,24 +97,20 @@ def live_player(profile: HapticsProfile, port: str, stick: Path) -> Iterator[Liv
 
     Raises:
         TransportError: the port's name has no known form.
-        GloveError: the glove does not answer or cannot be used, or there is no such joystick.
+        GloveError: the glove does not answer or cannot be used.
+        JoystickError: there is no such joystick.
     """
     check_port(port, "--port")
-    try:
-        descriptor = os.open(stick, os.O_RDONLY | os.O_NONBLOCK)
-    except OSError as error:
-        raise GloveError(
-            f"the joystick {stick} cannot be opened ({error.strerror}): name one of /dev/input/js*"
-        ) from error
+    joystick = ComputerJoystick(stick)
     cable = Reconnecting(lambda: transport_from_text(port, "--port"))
     try:
         bridge = GloveBridge(cable, profile.device_id, layout_named(profile.layout), profile.fitting())
-        player = LivePlayer(bridge, descriptor)
+        player = LivePlayer(bridge, joystick)
         _wait_until_ready(player, bridge)
         yield player
     finally:
         cable.close()
-        os.close(descriptor)
+        joystick.close()
 
 
 def _wait_until_ready(player: SimulatedPlayer | LivePlayer, bridge: GloveBridge) -> None:

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -42,6 +42,7 @@ from waychair.topics import IMU
 from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, look_round, simulated_chair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
+from waychair.trials.live.computer_joystick import SteersByComputer
 from waychair.trials.live.latest_senses import LatestCells, LatestPicture, with_pictures
 from waychair.trials.live.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live.live_map import LiveMap, plan_folder
@@ -68,6 +69,7 @@ class _Blueprint:
     building: LiveBuilding | None
     habits: Habits | None
     haptics: HapticOptions | None
+    stick: Path | None
 
 
 class LiveChair(DrawingPort, GuardPort, HapticPort):
@@ -90,6 +92,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         habits: Habits | None = None,
         kept_level: KeptLevel | None = None,
         haptics: HapticOptions | None = None,
+        stick: Path | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
@@ -99,7 +102,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
         travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`. `habits`:
         the rider's record. `haptics`: a rider without sight is told and led. `kept_level`: the rider's last level of help, which
-        is offered.
+        is offered. `stick`: a joystick of this computer moves the chair's own.
 
         Raises:
             WorldError: the world does not exist.
@@ -119,6 +122,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             building=building,
             habits=habits,
             haptics=haptics,
+            stick=stick,
         )
         self._kept_level = kept_level or KeptLevel()
         self._view = BEFORE_START
@@ -470,7 +474,10 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         parts.tell_of(
             lambda: surroundings(self._map.drawing.places, self._cells.view()), lambda: self._simulator.contacts
         )
-        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys, parts.beat)
+        beats = [parts.beat]
+        if plan.stick is not None:
+            beats.append(ends.enter_context(closing(SteersByComputer(plan.stick))).beat)
+        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys, beats)
 
     def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """Update view and picture after a tick."""

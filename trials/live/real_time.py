@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
@@ -65,9 +65,9 @@ class RealTimeLoop:
         simulator: Simulator,
         on_tick: Callable[[tuple[SensorMessage, ...], ChairState], None],
         stepper: Stepper | None = None,
-        on_beat: Callable[[Simulator], None] = lambda simulator: None,
+        on_beat: Sequence[Callable[[Simulator], None]] = (),
     ) -> None:
-        """`stepper` runs the chair's ticks, by default the chair itself; `on_beat` is called with each heartbeat."""
+        """`stepper` runs the chair's ticks, by default the chair itself; all of `on_beat` are called with each heartbeat."""
         self.timing = LoopTiming()
         self.watch = PageWatch()
         self.free_since_ns: int | None = time.monotonic_ns()
@@ -143,7 +143,8 @@ class RealTimeLoop:
         """Advance the world by one heartbeat period, with a heartbeat to the board."""
         self._chair.beat(self._simulator.now_ns)
         self._messages += self._simulator.advance(BEAT_NS)
-        self._on_beat(self._simulator)
+        for each in self._on_beat:
+            each(self._simulator)
         lines = self._simulator.lines
         if lines is None or lines.holder != Holder.BOARD:
             self.free_since_ns = self.free_since_ns or time.monotonic_ns()
