@@ -14,12 +14,14 @@ from waychair.control.haptics.guide_numbers import (
     LEAST_AIM,
     LEAST_ERROR,
     LOOK_AHEAD,
+    MOST_TOLERANT,
     NEAR_END,
     NUDGE_SHARE,
+    PER_MISTAKE,
     TURN_BEFORE_WALL,
 )
 from waychair.control.haptics.guide_types import Aim, GuideInputs
-from waychair.control.haptics.rider import RiderModel
+from waychair.control.haptics.rider import SEEN_TO_OBEY, RiderModel
 from waychair.geometry import wrap_angle
 from waychair.planning.steps.door_steps import HALF_WALL
 from waychair.planning.steps.step import Step
@@ -72,9 +74,11 @@ def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> 
 def tolerated_error(rider: RiderModel, v: float, error: float) -> float:
     """Return the error of the course [rad] up to which a rider who drives at `v` [m/s] is not nudged.
 
-    It is less to the side from which the chair veers away: the error grows by itself until the next nudge can be said.
+    It is less to the side from which the chair veers away: the error grows by itself until the next nudge can be said. It is more
+    for a rider who mixes symbols up.
     """
-    limit = max(LEAST_ERROR, NUDGE_SHARE * rider.nudge)
+    mistakes = max(SEEN_TO_OBEY - rider.sure, 0.0)
+    limit = max(LEAST_ERROR, NUDGE_SHARE * rider.nudge) * min(1.0 + PER_MISTAKE * mistakes, MOST_TOLERANT)
     grows = -math.copysign(1.0, error) * rider.veer_per_m * v * KEEPS_WAITING_S
     return max(limit - max(grows, 0.0), 0.5 * limit)
 

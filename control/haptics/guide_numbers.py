@@ -24,6 +24,10 @@ NUDGE_SHARE = 0.55
 SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
 """rad, and share of the shortest held turn that this rider can make: farther off its course the chair turns on the spot."""
 
+PER_MISTAKE, MOST_TOLERANT = 4.0, 2.0
+"""A rider who obeys fewer symbols than most is corrected later: the tolerated error grows by so many times the missing share, at the
+most to so many times itself. A nudge that is taken for something else costs more than the error that it was to correct."""
+
 STOPPED_SWIVEL_FROM = math.radians(6.0)
 """rad; the same where the guard stops a turn at the heading that was asked for."""
 

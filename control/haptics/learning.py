@@ -1,7 +1,7 @@
 """Learning one rider from drives: how late and how far each symbol is obeyed, how the chair veers, which symbols are mixed up.
 
-Each symbol is looked at once, when its effect is over. Of every figure the median of the latest values counts, so that a
-symbol that was not felt, or an outlier, changes little; values outside `rider.LIMITS` are dropped. All of it stays on the
+Each symbol is looked at once, when its effect is over. Of every figure the median of the latest values counts (of the share
+of right answers their mean), so that a symbol that was not felt, or an outlier, changes little; values outside `rider.LIMITS` are dropped. All of it stays on the
 chair, can be reset, and is exported as plain numbers.
 """
 
@@ -137,6 +137,8 @@ class RiderLearner:
         """
         key = symbol.value, done
         self._answers[key] = self._answers.get(key, 0) + 1
+        if symbol in _HELD:
+            self._add("sure", float(done == expected(symbol)))
         if lag_s is not None and done == expected(symbol) and symbol in _HELD:
             self._add("lag_s", lag_s)
 
@@ -189,7 +191,9 @@ class RiderLearner:
         done = _motion_of(v, omega, said)
         key = said.symbol.value, done
         self._answers[key] = self._answers.get(key, 0) + 1
-        if done != _MOTION.get(said.symbol):
+        if said.symbol in _HELD:
+            self._add("sure", float(done == expected(said.symbol)))
+        if done != expected(said.symbol):
             return
         if said.symbol in (Symbol.FORWARD, Symbol.BACK) and max(abs(said.before.v), abs(said.before.omega)) < MOVES_V:
             self._add_lag(times - said.ends_s, np.abs(v), MOVES_V)
@@ -211,7 +215,8 @@ class RiderLearner:
             values = self._values[name]
             values.append(value)
             before = [getattr(self._start, name)] * min(PRIOR, KEPT - len(values))
-            changed: dict[str, float] = {name: min(max(float(np.median([*values, *before])), low), high)}
+            middle = np.mean if name == "sure" else np.median  # a share, of answers that were right or wrong
+            changed: dict[str, float] = {name: min(max(float(middle([*values, *before])), low), high)}
             self.model = replace(self.model, **changed)
 
 
