@@ -8,8 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from waychair.control.haptics.course import tolerated_error
+from waychair.control.haptics.guide_numbers import MOST_TOLERANT
 from waychair.control.haptics.learning import KEPT, PRIOR, RiderLearner
-from waychair.control.haptics.rider import LIMITS, RiderModel
+from waychair.control.haptics.rider import LIMITS, SEEN_TO_OBEY, RiderModel
 from waychair.control.haptics.symbols import Symbol
 from waychair.types import Twist
 
@@ -62,6 +64,21 @@ def test_symbols_without_an_answer_do_not_spoil_the_figures_but_are_counted() ->
     taught(learner, 0.65, math.radians(4.0), 0.5, 0.0, rounds=20, wrong=0.3)
     assert abs(learner.model.nudge - math.radians(4.0)) < math.radians(1.0)
     assert sum(count for (_, done), count in learner.answers().items() if done == "nothing") > 0
+
+
+def test_a_rider_who_mixes_symbols_up_is_known_by_the_share_and_tolerated_more() -> None:
+    learners = RiderLearner(), RiderLearner()
+    for learner, right in zip(learners, (1.0, 0.6), strict=True):
+        for k in range(20):
+            done = "left" if k < 20 * right else "forward"
+            learner.note_answer(Symbol.SWIVEL_LEFT, done, 0.7)
+        learner.note_answer(Symbol.NUDGE_LEFT, "nothing", None)  # a nudge is not judged: the chair's veer may hide it
+    sure, unsure = (learner.model for learner in learners)
+    assert sure.sure == pytest.approx((20 + PRIOR * SEEN_TO_OBEY) / (20 + PRIOR))
+    assert unsure.sure == pytest.approx((12 + PRIOR * SEEN_TO_OBEY) / (20 + PRIOR))
+    tolerated = [tolerated_error(each, 0.3, 0.05) for each in (sure, unsure)]
+    assert tolerated[0] == tolerated_error(RiderModel(), 0.3, 0.05)
+    assert 1.5 * tolerated[0] < tolerated[1] <= MOST_TOLERANT * tolerated[0]
 
 
 def test_nothing_outside_the_limits_is_learnt_and_a_motion_without_numbers_is_ignored() -> None:
