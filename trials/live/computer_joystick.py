@@ -16,6 +16,9 @@ from waychair.types import JoystickInput
 REST = 0.06
 """Share of the swing; a smaller reading counts as rest, because cheap joysticks do not come back to zero."""
 
+MOST_EVENTS = 256
+"""Events that are read at once; a joystick sends far fewer in a heartbeat, a file that is none may never end."""
+
 AGAIN_NS = 1_000_000_000
 """ns between two tries to open a joystick that was unplugged."""
 
@@ -49,12 +52,11 @@ class ComputerJoystick:
         Raises:
             JoystickError: it was unplugged.
         """
-        while True:
+        for _ in range(MOST_EVENTS):
             try:
                 event = os.read(self._device, _EVENT.size)
             except BlockingIOError:
-                forward, turn = (0.0 if abs(axis) < REST else -axis for axis in reversed(self._axes))
-                return JoystickInput(now_ns, forward, turn)
+                break
             except OSError as error:
                 raise JoystickError(f"the joystick is lost ({error.strerror}): plug it in again") from error
             if len(event) < _EVENT.size:
@@ -62,6 +64,8 @@ class ComputerJoystick:
             _, value, kind, number = _EVENT.unpack(event)
             if kind & _AXIS and number < len(self._axes):
                 self._axes[number] = max(value / _FULL, -1.0)
+        forward, turn = (0.0 if abs(axis) < REST else -axis for axis in reversed(self._axes))
+        return JoystickInput(now_ns, forward, turn)
 
     def close(self) -> None:
         """Close the device."""
