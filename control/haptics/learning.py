@@ -37,6 +37,9 @@ MOVES_V, MOVES_OMEGA = 0.06, 0.12
 SOONEST_S, FULL = 0.3, 0.95
 """s after a pattern's end before which no chair sets out by it; and share of the greatest speed at which it counts as reached."""
 
+STEADY_S = 0.3
+"""s; a turn on the spot has its full rate if it keeps it for so long."""
+
 FREE_S = 0.5
 """s; a piece of straight driving between two nudges, long enough to show how the chair veers."""
 
@@ -202,12 +205,18 @@ class RiderLearner:
         elif said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(said.before.omega) < MOVES_OMEGA:
             if abs(said.before.v) < MOVES_V:
                 self._add_lag(times - said.ends_s, np.abs(omega), MOVES_OMEGA)
-            self._add("swivel", float(np.abs(omega).max()))
+            self._add_swivel(times, np.abs(omega))
 
     def _add_lag(self, after_s: FloatArray, speeds: FloatArray, moves: float) -> None:
         """Take the lag of a motion from rest; one that an earlier symbol, or the chair's own rolling out, began shows none."""
         if float(speeds[after_s < SOONEST_S].max(initial=0.0)) < moves:
             self._add("lag_s", _lag(after_s, speeds))
+
+    def _add_swivel(self, times_s: FloatArray, rates: FloatArray) -> None:
+        """Take the rate of a turn on the spot that was steady for a while; a short one ends before it is at its full rate."""
+        steady = times_s[rates >= FULL * float(rates.max())]
+        if steady[-1] - steady[0] >= STEADY_S:
+            self._add("swivel", float(rates.max()))
 
     def _add(self, name: str, value: float) -> None:
         low, high = LIMITS[name]

@@ -81,6 +81,19 @@ def test_a_rider_who_mixes_symbols_up_is_known_by_the_share_and_tolerated_more()
     assert 1.5 * tolerated[0] < tolerated[1] <= MOST_TOLERANT * tolerated[0]
 
 
+@pytest.mark.parametrize(("lasts_s", "learnt"), [(0.2, 0.5), (1.5, 0.8)])
+def test_the_rate_of_a_turn_counts_only_if_it_was_held_long_enough_to_be_full(lasts_s: float, learnt: float) -> None:
+    learner = RiderLearner(RiderModel(swivel=0.5))
+    for number in range(12):
+        learner.note_said(Symbol.SWIVEL_LEFT, number * 6_000_000_000, 0.45, Twist())
+        for tick in range(120):
+            at = tick * TICK_S
+            turned = min(max(at - 1.1, 0.0), lasts_s)
+            omega = min(1.0, turned / 0.4) * 0.8 if at < 1.1 + lasts_s else 0.0
+            learner.note_motion(number * 6_000_000_000 + round(at * 1e9), Twist(0.0, omega))
+    assert learner.model.swivel == pytest.approx(learnt)
+
+
 def test_nothing_outside_the_limits_is_learnt_and_a_motion_without_numbers_is_ignored() -> None:
     learner = RiderLearner()
     taught(learner, 0.65, math.radians(60.0), 4.0, 0.5, rounds=10)
