@@ -138,11 +138,7 @@ class RiderLearner:
 
         The lag counts only of a right answer that is held, because a nudge is over before the chair obeys.
         """
-        key = symbol.value, done
-        self._answers[key] = self._answers.get(key, 0) + 1
-        if symbol in _HELD:
-            self._add("sure", float(done == expected(symbol)))
-        if lag_s is not None and done == expected(symbol) and symbol in _HELD:
+        if self._count_answer(symbol, done) and lag_s is not None and symbol in _HELD:
             self._add("lag_s", lag_s)
 
     def restore(self, values: RiderValues, answers: Mapping[tuple[str, str], int]) -> None:
@@ -156,6 +152,14 @@ class RiderLearner:
     def answers(self) -> Mapping[tuple[str, str], int]:
         """Return how often each symbol (its value) was answered by each motion."""
         return dict(self._answers)
+
+    def _count_answer(self, symbol: Symbol, done: str) -> bool:
+        """Count an answer, and return whether it is the right one."""
+        key, is_right = (symbol.value, done), done == expected(symbol)
+        self._answers[key] = self._answers.get(key, 0) + 1
+        if symbol in _HELD:
+            self._add("sure", float(is_right))
+        return is_right
 
     def _moved(self, begin_s: float, end_s: float) -> FloatArray:
         """Return times, speeds and turn rates (N, 3) between two times."""
@@ -191,12 +195,7 @@ class RiderLearner:
         if len(motion) < 10:
             return
         times, v, omega = motion.T
-        done = _motion_of(v, omega, said)
-        key = said.symbol.value, done
-        self._answers[key] = self._answers.get(key, 0) + 1
-        if said.symbol in _HELD:
-            self._add("sure", float(done == expected(said.symbol)))
-        if done != expected(said.symbol):
+        if not self._count_answer(said.symbol, _motion_of(v, omega, said)):
             return
         if said.symbol in (Symbol.FORWARD, Symbol.BACK) and max(abs(said.before.v), abs(said.before.omega)) < MOVES_V:
             self._add_lag(times - said.ends_s, np.abs(v), MOVES_V)

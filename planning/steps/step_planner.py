@@ -53,9 +53,6 @@ the directions of such ways."""
 _SHUFFLE, _SHUFFLES = 0.2, 5
 """m, and how many times as far at the most, straight on or back before a turn that is not free at the start."""
 
-_WAYS = ((StepKind.STRAIGHT, 1.0), (StepKind.BACK, -BACK_COST))
-"""The straight ways, and the price of a metre along the chair's own axis."""
-
 _LAST_TURN = math.radians(15.0)
 """rad; the chair turns to the goal's heading at the end only if it is farther off."""
 
@@ -258,8 +255,7 @@ class _Search:
         for onto in np.flatnonzero(near).tolist():
             way = float(along[onto])
             if self._ground.straight_is_free(self._start, way, _OUT_ROOM):
-                kind, price = _WAYS[0] if way > 0.0 else _WAYS[1]
-                yield onto, price * way, (Step(kind, self._start, self._start @ Pose2(way), room=_OUT_ROOM),)
+                yield (onto, *_straight_way(self._start, way, _OUT_ROOM))
 
     def _rooms_from(self, at: int) -> FloatArray:
         if at not in self._rooms:
@@ -301,14 +297,20 @@ def _ways_out(ground: ClearGround, start: Pose2) -> list[_Way]:
     return ways or list(_shuffled_out(ground, start, room))
 
 
+def _straight_way(start: Pose2, along: float, room: float) -> _Way:
+    """Return the way straight ahead, or back if `along` [m] is negative."""
+    kind, price = (StepKind.STRAIGHT, 1.0) if along > 0.0 else (StepKind.BACK, BACK_COST)
+    return price * abs(along), (Step(kind, start, start @ Pose2(along), room=room),)
+
+
 def _shuffled_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
-    for kind, price in _WAYS:
-        for along in np.arange(1, _SHUFFLES + 1) * math.copysign(_SHUFFLE, price):
+    for ahead in (1.0, -1.0):
+        for along in (ahead * _SHUFFLE * np.arange(1, _SHUFFLES + 1)).tolist():
             if not ground.straight_is_free(start, along, room):
                 break
-            step = Step(kind, start, start @ Pose2(float(along)), room=room)
+            before, (step,) = _straight_way(start, along, room)
             for cost, legs in _turned_out(ground, step.end, room):
-                yield cost + price * float(along), (step, *legs)
+                yield before + cost, (step, *legs)
 
 
 def _turned_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
@@ -320,8 +322,8 @@ def _turned_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way
 
 def _straight_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
     """Yield the ways straight ahead and back to the first place with room to spin."""
-    for kind, price in _WAYS:
-        along = math.copysign(_OUT_APART, price) * np.arange(1, _OUT_LOOKS + 1)
+    for ahead in (1.0, -1.0):
+        along = ahead * _OUT_APART * np.arange(1, _OUT_LOOKS + 1)
         ends = compose(start.array(), np.column_stack([along, np.zeros((len(along), 2))]))
         rooms = ground.spin_room(ends[:, :2])
         rooms[~ground.free_until(ends, room)] = -math.inf
@@ -329,7 +331,7 @@ def _straight_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_W
         if len(spins):
             first = int(spins[0])
             best = first + int(np.argmax(rooms[first : first + _OUT_ON]))
-            yield price * float(along[best]), (Step(kind, start, Pose2(*ends[best].tolist()), room=room),)
+            yield _straight_way(start, float(along[best]), room)
 
 
 _RANK_COST = 0.8
