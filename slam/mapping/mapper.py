@@ -27,7 +27,7 @@ from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
-from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
+from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, first_beyond, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
@@ -270,6 +270,7 @@ class Mapper:
             self._state.motion = last.inverse() @ here_from_base
             if self._state.odometry is None:
                 self._state.by_odometry = here_from_base
+            self._state.since_match.append(TrackedFrame(self._state.inliers, self._state.by_odometry))
             return here_from_base
 
     def _is_match_due(self, here_from_base: Pose2) -> bool:
@@ -311,8 +312,9 @@ class Mapper:
                 prior = prior / 100 if slipped else prior
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            doubted = (slipped or found.response < _GOOD_RESPONSE) and self._tears.can_be_doubted(self._recent_keys)
             again = self._state.doubted > 0
+            doubtful = slipped or again or found.response < _GOOD_RESPONSE
+            doubted = doubtful and self._tears.can_be_doubted(self._recent_keys)
             if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
             if found.inliers < _MIN_INLIERS:
@@ -369,10 +371,20 @@ class Mapper:
             self._follow(self._tears.begin_part(self.keys, self._recent_keys, torn, known))
         self._recent_keys = []
         self._closer.begin_part()
-        for k in range(1 - max(self._state.unmatched, self._state.doubted), 0):
-            frame = self.frames[k]
-            self.frames[k] = AttachedFrame(frame.stamp_ns, node, torn.i_from_j.inverse() @ frame.key_from_base)
+        self._attach_beyond(node)
         self._state.unmatched = 0
+
+    def _attach_beyond(self, node: int) -> None:
+        """Attach the frames since the last full match that lie beyond a tear to the key scan after it, by odometry."""
+        tracked = self._state.since_match
+        if len(tracked) < 3:
+            return
+        base_from_last = tracked[-1].by_odometry.inverse()
+        for k in range(first_beyond(tracked, len(tracked) - max(self._state.doubted, 1)), len(tracked) - 1):
+            frame = self.frames[k + 1 - len(tracked)]
+            self.frames[k + 1 - len(tracked)] = AttachedFrame(
+                frame.stamp_ns, node, base_from_last @ tracked[k].by_odometry
+            )
 
     def _judge_tears(self) -> bool:
         """Judge open tears and slips by the scans since then; return whether that took long."""
@@ -396,6 +408,8 @@ class Mapper:
             self._recent_keys = [*before, key][-RECENT_KEYS:]
             self._reference = None
         self._state.last_match = self._state.by_odometry = key_from_base
+        self._state.since_match.clear()
+        self._state.since_match.append(TrackedFrame(self._state.inliers, key_from_base))
 
     def _attach_frame(self, frame: SensorFrame, here_from_base: Pose2) -> None:
         self.frames.append(AttachedFrame(frame.stamp_ns, self._current_key, here_from_base))

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from waychair.slam.mapping.carried import OpenTear
 from waychair.types import Odometry, Pose2, SensorFrame, Twist
+
+_TRACKED_FRAMES = 50  # latest frames that may turn out to lie beyond a tear; a chair may stand for hours
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """Share of a scan's points on known surfaces, and the frame's pose by odometry alone relative to the current key scan."""
+
+    inliers: float
+    by_odometry: Pose2
 
 
 @dataclass(slots=True)
@@ -20,6 +34,21 @@ class TrackingState:
     doubted: int = 0  # latest scans in a row that contradict those before
     inliers: float = 1.0  # of the latest scan
     slip: OpenTear | None = None  # that the latest match claims
+    since_match: deque[TrackedFrame] = field(
+        default_factory=lambda: deque(maxlen=_TRACKED_FRAMES)
+    )  # from the last match
+
+
+def first_beyond(frames: Sequence[TrackedFrame], latest: int) -> int:
+    """Return the index, from 1 to `latest`, of the first frame beyond a tear: where the share of inliers drops most.
+
+    The frames before and after it differ most if they are split there: the split of least variance within both.
+    """
+    inliers = np.array([frame.inliers for frame in frames])
+    within = [
+        split * inliers[:split].var() + (len(inliers) - split) * inliers[split:].var() for split in range(1, latest + 1)
+    ]
+    return 1 + int(np.argmin(within))
 
 
 def odometry_of(frame: SensorFrame) -> Odometry | None:
