@@ -18,8 +18,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import (
     ODOMETRY_DISTANCE_SIGMA,
@@ -37,10 +35,10 @@ from waychair.types import FloatArray, Pose2
 _BEFORE = 10  # latest key scans that a doubted scan is compared with
 _POOR_RESPONSE, _CONTRADICTED = 0.62, 0.15  # a match as poor as this is a tear if it contradicts more
 _SURELY_CONTRADICTED = 0.25  # the same for a better match
-_SLIP_WINDOW = Window(2.0, 0.6)  # m, rad; where the odometry may have slipped
+_SLIP_WINDOW = Window(2.0, 0.6)  # m, rad; where the odometry may have slipped, or the chair was carried a step
 _BETTER = 1.1  # times the response of the match near the odometry's pose, from which a slip is likely
 _AT_GUESS, _HELD = Window(0.05, 0.05), 100.0  # a match that must not leave the guess, of so many times the information
-_USUAL_OF, _USUAL, _FREE = 15, 2.0, 0.05
+_USUAL_OF, _USUAL, _FREE = 5, 2.0, 0.05
 # Among trees, poles and cars the scans of a drive contradict each other anyway. So many times what the latest key scans show against those
 # before them, beyond a share that buildings show too, is no sign of a carry. Indoors they show 0.002 to 0.04, on Freiburg's campus up to 0.5.
 _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must be contradicted as little as this
@@ -135,17 +133,11 @@ class CarryJudge:
         return least.contradiction - self._usual(keys, recent) > factor * limit
 
     def _usual(self, keys: KeyGraph, nodes: Sequence[int]) -> float:
-        """Return the contradiction that is usual here beyond that of buildings, by the latest key scans.
-
-        The median: a carry that went unnoticed for some key scans must not hide itself.
-        """
-        views = self.views(keys, nodes[-_BEFORE - _USUAL_OF :])
-        seen = [
-            agreement(views[max(0, k - _BEFORE) : k], [views[k]])
-            for k in range(max(len(views) - _USUAL_OF, 1), len(views))
-        ]
-        shown = [each.contradiction for each in seen if each.shared >= _LEAST_SHARED]
-        return max(0.0, _USUAL * float(np.median(shown)) - _FREE) if shown else 0.0
+        """Return the contradiction that is usual here beyond that of buildings, by the latest of some key scans."""
+        views, seen = self.views(keys, nodes[-_BEFORE - _USUAL_OF :]), Agreement()
+        for k in range(max(len(views) - _USUAL_OF, 1), len(views)):
+            seen += agreement(views[max(0, k - _BEFORE) : k], [views[k]])
+        return max(0.0, _USUAL * seen.contradiction - _FREE) if seen.shared >= _LEAST_SHARED else 0.0
 
     def less_contradicted(
         self,
