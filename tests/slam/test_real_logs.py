@@ -7,6 +7,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,14 @@ import pytest
 
 from waychair.geometry import compose
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording
+from waychair.offline.mapping_report import torn_warnings
 from waychair.recordings.recording import Recording, read_recording, write_tum
 from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.tracking import odometry_of
 from waychair.slam.scan.scan_points import scan_points
+from waychair.slam.trajectory_errors import read_relations
+from waychair.slam.trajectory_errors import relation_errors as own_relation_errors
 from waychair.types import FloatArray
 
 
@@ -56,6 +61,59 @@ def test_a_drive_whose_scans_contradict_each_other_is_not_torn(data_dir: Path, l
     for frame in recording.frames[frames]:
         mapper.process(frame)
     assert not mapper.keys.is_torn
+
+
+def spliced(recording: Recording, first: slice, then: slice) -> Mapper:
+    """Map two parts of a recording, between which the chair is carried; the odometry does not show it."""
+    mapper = Mapper(MapperSettings(), recording.base_from_laser)
+    before, after = recording.frames[first], recording.frames[then]
+    lifted, put_down = odometry_of(before[-1]), odometry_of(after[0])
+    assert lifted is not None
+    assert put_down is not None
+    for frame in before:
+        mapper.process(frame)
+    for frame in after:
+        here = odometry_of(frame)
+        assert here is not None
+        pose = lifted.odom_from_base @ (put_down.odom_from_base.inverse() @ here.odom_from_base)
+        mapper.process(replace(frame, wheels=(replace(here, odom_from_base=pose),)))
+    return mapper
+
+
+@pytest.mark.parametrize(
+    ("log", "first", "then"),
+    [
+        ("lidar_radish_corrected/seattle-corrected.log.gz", slice(40, 90), slice(149, 165)),
+        ("lidar_fr079/fr079_laser.clf.gz", slice(1200, 1442), slice(2450, 2500)),
+    ],
+)
+def test_frames_that_fit_by_chance_before_a_tear_lie_beyond_it(
+    data_dir: Path, log: str, first: slice, then: slice
+) -> None:
+    """The first scan after the carry is tracked on the walls of the place before, and no full match is due there."""
+    mapper = spliced(read_recording(data_dir / log), first, then)
+    assert mapper.keys.is_torn
+    count = first.stop - first.start
+    torn = next(edge.j for edge in mapper.keys.edges if edge.kind is EdgeKind.UNKNOWN)
+    beyond = (mapper.frames.keys >= torn).tolist()
+    assert beyond == [k >= count for k in range(len(mapper.frames))]
+
+
+def test_a_chair_that_is_carried_a_step_along_a_corridor_is_found_there(data_dir: Path) -> None:
+    """Carried 1.8 m back: the scan fits poorly where the odometry says, and well where the chair is."""
+    recording = read_recording(data_dir / "lidar_intel/intel_first1088s.clf.gz")
+    relations = read_relations(data_dir / "lidar_intel/intel_first1088s.relations.gz")
+    result = spliced(recording, slice(0, 1029), slice(2539, 2620)).result()
+    errors = own_relation_errors(result.trajectory, relations)
+    assert errors.loop.count >= 8
+    assert errors.loop.max_m < 0.3
+
+
+def test_a_carry_to_a_corridor_that_looks_alike_is_told(data_dir: Path) -> None:
+    """The second scan after it fits well, and contradicts those before all the same."""
+    recording = read_recording(data_dir / "lidar_radish_corrected" / "seattle-corrected.log.gz")
+    result = spliced(recording, slice(0, 80), slice(139, 241)).result()
+    assert any("odometry alone joins" in warning for warning in torn_warnings(result))
 
 
 def test_steps_between_stamps_that_stand_still_are_no_jumps_of_the_odometry(data_dir: Path) -> None:
