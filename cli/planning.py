@@ -140,8 +140,7 @@ def _plan_for_the_chair(
     """Plan a path in metres for the chair's footprint, and print it."""
     import time
 
-    from waychair.calibration.chair_body import BODIES
-    from waychair.cli.options.arguments import BadArgument
+    from waychair.cli.options.arguments import chair_body
     from waychair.errors import PlanningError
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.map_files import load_map
@@ -153,9 +152,7 @@ def _plan_for_the_chair(
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
 
-    if body not in BODIES:
-        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
-    chair = BODIES[body]
+    chair = chair_body(body)
     grid = load_map(map, warnings_unless(quiet), resolution=resolution)
     begin, end, zones = place_on_map(map, start, "--start"), place_on_map(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)

@@ -41,21 +41,19 @@ def edit_command(
     token
         The token; without it, a random one is printed.
     """
-    from waychair.calibration.chair_body import BODIES
-    from waychair.cli.options.arguments import BadArgument
+    from waychair.cli.options.arguments import chair_body
     from waychair.cli.options.page_process import check_page_port, page_addresses, page_names, page_token
     from waychair.runtime.processes import signalled
     from waychair.ui.editor.server import editor_server
     from waychair.ui.editor.session import Session
 
-    if body not in BODIES:
-        raise BadArgument(f"--body is '{body}': choose {', '.join(BODIES)}")
+    chair = chair_body(body)
     check_page_port(port, "--port")
     names, secret = page_names(page_name, lan), page_token(lan, token)
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     host = "0.0.0.0" if lan else "127.0.0.1"
     with (
-        Session(folder, BODIES[body]) as session,
+        Session(folder, chair) as session,
         editor_server(session, host=host, http_port=port, token=secret, names=names),
     ):
         told = "\n  or at ".join(page_addresses(port, lan, secret, page_name))

@@ -106,8 +106,7 @@ def generate_command(
     quiet
         Print nothing but errors.
     """
-    from waychair.calibration.chair_body import BODIES
-    from waychair.cli.options.arguments import BadArgument
+    from waychair.cli.options.arguments import BadArgument, chair_body
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.maps.building.building import load_building
@@ -118,8 +117,7 @@ def generate_command(
         with_lift_stop,
     )
 
-    if body not in BODIES:
-        raise BadArgument(f"--body is '{body}': choose {', '.join(BODIES)}")
+    chair = chair_body(body)
     stops = [each.partition("=") for each in lift]
     for name, equals, place in stops:
         if not name or not equals or not place:
@@ -128,7 +126,7 @@ def generate_command(
     building = load_building(folder)
     prepare_kernels(quiet)
     with told_time("generating the storey", quiet):
-        made = generated_storey(building, storey, BODIES[body])
+        made = generated_storey(building, storey, chair)
     hgraph = made.building.hgraph
     for name, _, place in stops:
         hgraph = with_lift_stop(hgraph, storey, name, place)

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from waychair.cli.options.arguments import BadArgument, PositiveInt
+from waychair.cli.options.arguments import BadArgument, PositiveInt, chair_body
 from waychair.cli.options.messages import sayer
 from waychair.cli.options.progress import prepare_kernels, told_share, told_time
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
-    from waychair.calibration.chair_body import ChairBody
     from waychair.maps.building.building import Building
     from waychair.maps.building.graph_arrays import GraphArrays
     from waychair.planning.building.border_tables import BorderTables
@@ -131,7 +130,7 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
     from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.surroundings import surroundings
 
-    chair = None if body is None else _body(body)
+    chair = None if body is None else chair_body(body)
     building = _loaded(folder)
     found = check(with_zones(building), surroundings(building, chair))
     errors = sum(each.severity is FindingSeverity.ERROR for each in found)
@@ -220,7 +219,7 @@ def route_command(
     """
     from waychair.planning.building.route_ends import route_end
 
-    chair = _body(body)
+    chair = chair_body(body)
     building = _loaded(folder)
     planner = _planner(building, method)
     first, last = (route_end(building, planner, text, chair) for text in (start, goal))
@@ -297,14 +296,6 @@ def _loaded(folder: Path, quiet: bool = False) -> Building:
     from waychair.maps.building.building import load_building
 
     return load_building(folder, None if quiet else told_share("reading the building"))
-
-
-def _body(name: str) -> ChairBody:
-    from waychair.calibration.chair_body import BODIES
-
-    if name not in BODIES:
-        raise BadArgument(f"--body is '{name}': choose {', '.join(BODIES)}")
-    return BODIES[name]
 
 
 def _planner(building: Building, method: str) -> RoutePlanner:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter, validators
 
-from waychair.cli.options.arguments import BadArgument, NonNegativeInt, PositiveInt
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt, PositiveInt, chair_body
 
 if TYPE_CHECKING:
     from waychair.maps.traffic.traffic_graph import TrafficGraph
@@ -213,17 +213,14 @@ def check_command(
     json
         Print JSON.
     """
-    from waychair.calibration.chair_body import BODIES
     from waychair.errors import TrafficError
     from waychair.maps.traffic.single_file import districts, runs
     from waychair.maps.traffic.traffic_files import write_traffic
     from waychair.maps.traffic.well_formed import well_formed
     from waychair.trials.fleet.fleet_sources import traffic_from_source
-    from waychair.yaml_files import quoted
 
-    if body not in BODIES:
-        raise BadArgument(f"--body {quoted(body)} is unknown; give one of {', '.join(BODIES)}")
-    traffic = traffic_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    chair = chair_body(body)
+    traffic = traffic_from_source(map, width=width, chair_width=chair.width, rooms=rooms)
     graph = traffic.graph
     found = well_formed(graph)
     single = runs(graph)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import BadArgument, Minutes, NonNegativeInt
+from waychair.cli.options.arguments import BadArgument, Minutes, NonNegativeInt, chair_body
 
 if TYPE_CHECKING:
     from waychair.trials.guiding.guided import GuidedRecord
@@ -68,7 +68,6 @@ def guide_command(
     quiet
         Print nothing but errors.
     """
-    from waychair.calibration.chair_body import BODIES
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
     from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_drive
@@ -81,15 +80,14 @@ def guide_command(
     own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
     to = place_among(own, goal, "--goal", owner)
     begin = plan.start if start is None else place_among(own, start, "--start", owner).pose
-    if body not in BODIES:
-        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
+    chair = chair_body(body)
     if sound is not None and rider == "stick":
         raise BadArgument("a rider who sees the steps hears nothing: leave --sound or --rider stick out")
     track = None if sound is None else SoundTrack()
     setup = GuidedSetup(
         world=world_with_people(plan, begin, people, seed),
         grid=plan.grid,
-        body=BODIES[body],
+        body=chair,
         driver=driver,
         level=HelpLevel(level),
         layout=layout,

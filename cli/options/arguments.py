@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import cyclopts
 from cyclopts import Parameter, Token, validators
@@ -16,6 +16,9 @@ from waychair.files import path_exists
 from waychair.pose_text import POSE_SHAPE, ImpossiblePose, NoPoseText, is_like_pose
 from waychair.types import Place, Pose2
 from waychair.yaml_files import quoted
+
+if TYPE_CHECKING:
+    from waychair.calibration.chair_body import ChairBody
 
 
 class BadArgument(WaychairError):
@@ -61,6 +64,19 @@ def _named(kind: type, tokens: Sequence[Token]) -> Any:
 
 NonEmptyPath = Annotated[Path, Parameter(converter=_named)]
 """A path that is not empty."""
+
+
+def chair_body(name: str) -> ChairBody:
+    """Return the chair that `--body` names.
+
+    Raises:
+        BadArgument: there is none of this name.
+    """
+    from waychair.calibration.chair_body import BODIES
+
+    if name not in BODIES:
+        raise BadArgument(f"--body {quoted(name)} is unknown: give one of {', '.join(BODIES)}")
+    return BODIES[name]
 
 
 def pose_from_text(text: str, name: str) -> Pose2:

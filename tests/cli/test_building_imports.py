@@ -46,7 +46,7 @@ def test_generate_names_its_mistakes(tmp_path: Path) -> None:
 
     for arguments, sentence in (
         (("attic",), "there is no storey 'attic'"),
-        (("g", "--body", "Z"), "--body is 'Z'"),
+        (("g", "--body", "Z"), "--body 'Z' is unknown: give one of A, B"),
         (("g", "--lift", "A"), "--lift is 'A'"),
         (("g", "--lift", "A=Roof"), "storey 'g' has no place 'Roof'"),
     ):

@@ -25,7 +25,7 @@ def test_a_guided_drive_that_ends_early_is_told_in_one_sentence_and_its_report_i
     [
         (("--goal", "moon"), "moon"),
         (("--goal", "kitchen", "--driver", "nobody"), "there is no simulated driver 'nobody'"),
-        (("--goal", "kitchen", "--body", "C"), "unknown body 'C'"),
+        (("--goal", "kitchen", "--body", "C"), "--body 'C' is unknown: give one of A, B"),
         (("--goal", "kitchen", "--layout", "sock"), "there is no layout 'sock'"),
         (("--goal", "kitchen", "--rider", "stick", "--sound", "a.wav"), "leave --sound or --rider stick out"),
     ],

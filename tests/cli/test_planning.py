@@ -121,7 +121,7 @@ def test_a_door_passable_for_one_body_is_too_narrow_for_a_wider_one(tmp_path: Pa
     asked = ("plan", "--map", tmp_path, "--start", "2,2.9", "--goal", "8,2.9", "--body")
     assert waychair(*asked, "A").returncode == 0
     assert "no path" in refused(waychair(*asked, "B"))
-    assert "unknown body 'C': take A, B" in refused(waychair(*asked, "C"))
+    assert "--body 'C' is unknown: give one of A, B" in refused(waychair(*asked, "C"))
 
 
 def test_a_map_without_free_space_is_named_before_its_start(tmp_path: Path) -> None:
