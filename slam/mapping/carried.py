@@ -116,7 +116,7 @@ class CarryJudge:
         """Return whether a scan contradicts the latest key scans, both at its match and at the odometry's guess.
 
         The better the match, the more contradiction is needed; less where the odometry would have to have slipped, and
-        `again`, after another doubted scan.
+        `again`, after another doubted scan. None is needed at a poor match that only a slip explains.
         """
         earlier = self.views(keys, recent[-_BEFORE:])
         view = view_of(scan, self._mount)
@@ -124,9 +124,14 @@ class CarryJudge:
         least = min(at, key=lambda each: each.contradiction)
         if least.shared < _LEAST_SHARED:
             return False
-        limit = _CONTRADICTED if found.response < _POOR_RESPONSE else _SURELY_CONTRADICTED
-        if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > _SLIP and at[1].contradiction > limit:
-            limit = _SLIP_CONTRADICTED
+        fits = found.response >= _POOR_RESPONSE
+        limit = _SURELY_CONTRADICTED if fits else _CONTRADICTED
+        away = math.hypot(found.pose.x - guess.x, found.pose.y - guess.y)
+        if at[1].contradiction > limit:
+            if away > SLIP_CLAIMED and not fits:
+                return True
+            if away > _SLIP:
+                limit = _SLIP_CONTRADICTED
         factor = _AGAIN if again else 1.0
         if least.contradiction <= factor * limit:
             return False
