@@ -10,8 +10,8 @@ import enum
 import importlib
 import json
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -150,6 +150,8 @@ class _Unpacker:
             made = self._made[place] = object.__new__(_class(rest[0]))
             for name, node in rest[1].items():
                 object.__setattr__(made, name, self.unpack(node))
+            for name, value in _newer_fields(type(made), rest[1]):
+                object.__setattr__(made, name, value)
         elif kind == "stateful":
             made = self._made[place] = object.__new__(_class(rest[0]))
             made.__setstate__(self.unpack(rest[1]))
@@ -173,6 +175,23 @@ class _Unpacker:
             return np.array(self._state[rest[0]])
         dtype, shape, values = rest
         return np.array(values, np.dtype(dtype)).reshape(shape)
+
+
+def _newer_fields(kind: type, known: Iterable[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the defaults of a dataclass's fields that an earlier version did not write.
+
+    Raises:
+        KeyError: such a field has no default.
+    """
+    for entry in fields(kind) if is_dataclass(kind) else ():
+        if entry.name in known:
+            continue
+        if entry.default_factory is not MISSING:
+            yield entry.name, entry.default_factory()
+        elif entry.default is not MISSING:
+            yield entry.name, entry.default
+        else:
+            raise KeyError(f"{kind.__name__} has no {entry.name}")
 
 
 def _name(kind: type) -> str:

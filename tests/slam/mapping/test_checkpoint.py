@@ -47,3 +47,36 @@ def test_an_invalid_mapper_state_is_a_value_error() -> None:
             mapper_from_state({**state, "tree": np.frombuffer(wrong, np.uint8)})
     with pytest.raises(ValueError, match="tree"):
         mapper_from_state({})
+
+
+def without(node: object, kind: str, name: str) -> object:
+    """Return the tree of a state without a field, a plain number, of all objects of a class."""
+    if not isinstance(node, list):
+        return node
+    if node[0] == "object":
+        kept = {key: without(value, kind, name) for key, value in node[2].items()}
+        if node[1].endswith(f":{kind}"):
+            del kept[name]
+        return [*node[:2], kept]
+    return [without(each, kind, name) for each in node]
+
+
+def test_a_field_that_an_earlier_version_did_not_write_has_its_default(
+    drive: tuple[list[SensorFrame], FloatArray],
+) -> None:
+    frames, mapper = drive[0][:30], Mapper(MapperSettings(), Pose2())
+    for frame in frames[:20]:
+        mapper.process(frame)
+    state = state_of(mapper)
+
+    def earlier(kind: str, name: str) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+        tree = without(json.loads(bytes(state["tree"])), kind, name)
+        return {**state, "tree": np.frombuffer(json.dumps(tree).encode(), np.uint8)}
+
+    restored = mapper_from_state(earlier("TrackingState", "doubted"))
+    for frame in frames[20:]:
+        mapper.process(frame)
+        restored.process(frame)
+    assert restored.pose() == mapper.pose()
+    with pytest.raises(ValueError, match="Edge has no j"):
+        mapper_from_state(earlier("Edge", "j"))
