@@ -7,6 +7,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from evaluation.figures.buildings import floor_graphs, hgraph, journeys, rooms
 from evaluation.figures.chair import (
     bridge,
     calibration,
@@ -30,8 +31,6 @@ from evaluation.figures.driving import (
     guidance,
     harmonic,
     hazards,
-    hgraph,
-    journeys,
     laser_line,
     monitor,
     nights,
@@ -58,7 +57,6 @@ from evaluation.figures.mapping import (
     cases,
     corruptions,
     depth_grid,
-    floor_graphs,
     floors,
     kidnap,
     lifelong,
@@ -68,11 +66,10 @@ from evaluation.figures.mapping import (
     mapping,
     memory,
     odometry,
-    posegraphs,
     rgbd,
-    rooms,
-    spatial_posegraphs,
+    submap_signatures,
 )
+from evaluation.figures.pose_graphs import posegraphs, spatial_posegraphs
 from waychair.files import write_json
 from waychair.types import Json
 
@@ -98,6 +95,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "live_grid": live_grid.live_grid,
     "carried": carried.carried,
     "false_tears": carried.false_tears,
+    "submap_signatures": submap_signatures.submap_signatures,
     "corruptions": corruptions.corruptions,
     "cases": cases.cases,
     "map_all": map_all.map_all,

@@ -1,7 +1,7 @@
 """Robust optimisation of a pose graph with false loops, and the reasons for rejected loops.
 
 The methods were measured on the Intel and Manhattan graphs with 50 false loops, at random or in mutually consistent
-groups (`evaluation/figures/mapping/posegraphs.py`). Cauchy and Geman-McClure kernels alone err by up to 1.3 m. Dynamic
+groups (`evaluation/figures/pose_graphs/posegraphs.py`). Cauchy and Geman-McClure kernels alone err by up to 1.3 m. Dynamic
 covariance scaling relies on the start: it is exact where the odometry is good, even for groups, and fails where it is
 not. Graduated non-convexity needs no good start, but a group of false loops can bend weakly constrained odometry. Plain
 least squares is exact where no loop is false. So all are tried, each ends with all accepted loops at full weight, and

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.figures.buildings.hgraph_files import real_buildings
 from evaluation.figures.driving import dwa
-from evaluation.figures.driving.hgraph_files import real_buildings
 from evaluation.scenes.buildings.hospital import SIZES, Hospital, Size, hospital
 from evaluation.speed.route_peers import missing_peers, peers_measured
 from waychair.maps.building.costs import CLOSED_MM
