@@ -25,7 +25,7 @@ from waychair.simulation.simulator import Simulator
 from waychair.trials.demo.demo import SMALL_WORLD, Demo, randomised_settings, run_demo
 from waychair.trials.demo.demo_report import write_report
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
-from waychair.types import DriveMode, Goal, JoystickInput, Pose2
+from waychair.types import DriveMode, Goal, JoystickInput, OccupancyGrid, Pose2
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +78,16 @@ def test_the_report_holds_the_figures_of_the_drive(demo: Demo, out: Path) -> Non
     assert {path.name for path in (out / "map").iterdir()} >= {"map.yaml", "map.pgm", "places.yaml", "report.json"}
 
 
+def differing(a: OccupancyGrid, b: OccupancyGrid) -> float:
+    """Return the share of different cells where two grids overlap that begin within a cell of each other."""
+    shift = a.map_from_grid.inverse() @ b.map_from_grid
+    column, row = round(shift.x / a.resolution), round(shift.y / a.resolution)
+    assert max(abs(column), abs(row)) <= 1, "only the outermost beam may fall into the next cell"
+    first, second = a.cells[max(row, 0) :, max(column, 0) :], b.cells[max(-row, 0) :, max(-column, 0) :]
+    height, width = np.minimum(first.shape, second.shape)
+    return float((first[:height, :width] != second[:height, :width]).mean())
+
+
 @pytest.mark.nightly
 def test_the_live_map_equals_that_of_the_recording(demo: Demo, out: Path) -> None:
     """The bag rounds a scan's angles to single precision: beams fall into other cells, and matches differ a little."""
@@ -85,8 +95,7 @@ def test_the_live_map_equals_that_of_the_recording(demo: Demo, out: Path) -> Non
     live = demo.mapping
     apart = offline.result.trajectory.poses - live.result.trajectory.poses
     assert np.abs(apart[:, :2]).max() < 0.02
-    assert offline.grid.map_from_grid == live.grid.map_from_grid
-    assert (offline.grid.cells != live.grid.cells).mean() < 0.02
+    assert differing(live.grid, offline.grid) < 0.02
     assert (offline.grid.cells >= 65).sum() > 1000
 
 
