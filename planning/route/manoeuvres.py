@@ -19,14 +19,7 @@ from waychair.planning.route.multi_point_turn import ManoeuvreAttempt, manoeuvre
 from waychair.resumable import Resumable
 from waychair.types import Bytes, FloatArray, Pose2
 
-_COMFORTABLE_STATES = 25_000
-"""States of the attempt with most clearance. Those that succeed have found a turn after some 5,000 to 24,000, and one that cannot would
-go on to 60,000, for longer than all others take together."""
-
-_ROOMY = (
-    ManoeuvreAttempt(MANOEUVRE[0], 0.05, 72, most=_COMFORTABLE_STATES),
-    *(ManoeuvreAttempt(clearance, 0.05, 72) for clearance in MANOEUVRE[1:]),
-)
+_ROOMY = tuple(ManoeuvreAttempt(clearance, 0.05, 72) for clearance in MANOEUVRE)
 _TIGHT = tuple(
     ManoeuvreAttempt(clearance, side, headings)
     for clearance, (side, headings) in zip(MANOEUVRE_TIGHT, ((0.025, 144), (0.025, 144), (0.02, 180)), strict=True)

@@ -75,8 +75,6 @@ class ManoeuvreAttempt:
     """[m] Side of a bin of places, half a step."""
     headings: int = 72
     """Number of bins of the heading."""
-    most: int = MOST_STATES
-    """States that are reached before the search is given up."""
 
 
 def manoeuvre(
@@ -140,8 +138,8 @@ def manoeuvre_resumably(
         ]
     )
     side = attempt.bin / cell
-    known = _new_search(begin, ways, side, attempt.headings, attempt.most)
-    while _search(shape, barred, end, ways, side, prices, attempt.most, polish, CHECKS_PER_STEP, *known):
+    known = _new_search(begin, ways, side, attempt.headings, MOST_STATES)
+    while _search(shape, barred, end, ways, side, prices, MOST_STATES, polish, CHECKS_PER_STEP, *known):
         yield
     if known.tally[_PARENT] < 0:
         raise NoPath(

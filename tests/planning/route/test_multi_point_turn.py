@@ -80,14 +80,6 @@ def test_a_turn_that_does_not_fit_is_refused_with_advice() -> None:
         manoeuvre(fine_field(narrow, Pose2(2.5, 1.25), 3.0), CHAIR_A, Pose2(2.5, 1.25, 0.0), Pose2(1.5, 1.25, math.pi))
 
 
-def test_a_search_gives_up_after_so_many_states_as_its_attempt_allows() -> None:
-    field, goal = fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0), Pose2(1.5, 1.25, math.pi)
-    start = Pose2(4.3 - CHAIR_B.front, 1.2, 0.05)
-    assert len(manoeuvre(field, CHAIR_B, start, goal)) > 2
-    with pytest.raises(NoPath, match="does not fit"):
-        manoeuvre(field, CHAIR_B, start, goal, ManoeuvreAttempt(most=200))
-
-
 @pytest.mark.parametrize(("name", "x"), [("start", 4.4), ("end", 2.5)])
 def test_an_end_in_a_wall_is_named(name: str, x: float) -> None:
     start, goal = Pose2(x, 1.25, 0.0), Pose2(2.5 if name == "start" else 4.4, 1.25, 0.0)
