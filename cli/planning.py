@@ -140,7 +140,7 @@ def _plan_for_the_chair(
     """Plan a path in metres for the chair's footprint, and print it."""
     import time
 
-    from waychair.cli.options.arguments import chair_body
+    from waychair.cli.options.arguments import body_named
     from waychair.errors import PlanningError
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.map_files import load_map
@@ -152,7 +152,7 @@ def _plan_for_the_chair(
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
 
-    chair = chair_body(body)
+    chair = body_named(body)
     grid = load_map(map, warnings_unless(quiet), resolution=resolution)
     begin, end, zones = place_on_map(map, start, "--start"), place_on_map(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)

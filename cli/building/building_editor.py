@@ -41,13 +41,13 @@ def edit_command(
     token
         The token; without it, a random one is printed.
     """
-    from waychair.cli.options.arguments import chair_body
+    from waychair.cli.options.arguments import body_named
     from waychair.cli.options.page_process import check_page_port, page_addresses, page_names, page_token
     from waychair.runtime.processes import signalled
     from waychair.ui.editor.server import editor_server
     from waychair.ui.editor.session import Session
 
-    chair = chair_body(body)
+    chair = body_named(body)
     check_page_port(port, "--port")
     names, secret = page_names(page_name, lan), page_token(lan, token)
     ending = signalled(signal.SIGINT, signal.SIGTERM)

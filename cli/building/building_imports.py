@@ -106,7 +106,7 @@ def generate_command(
     quiet
         Print nothing but errors.
     """
-    from waychair.cli.options.arguments import BadArgument, chair_body
+    from waychair.cli.options.arguments import BadArgument, body_named
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.maps.building.building import load_building
@@ -117,7 +117,7 @@ def generate_command(
         with_lift_stop,
     )
 
-    chair = chair_body(body)
+    chair = body_named(body)
     stops = [each.partition("=") for each in lift]
     for name, equals, place in stops:
         if not name or not equals or not place:

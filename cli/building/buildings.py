@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from waychair.cli.options.arguments import BadArgument, PositiveInt, chair_body
+from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
 from waychair.cli.options.progress import prepare_kernels, told_share, told_time
 from waychair.errors import BuildingError
@@ -130,7 +130,7 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
     from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.surroundings import surroundings
 
-    chair = None if body is None else chair_body(body)
+    chair = None if body is None else body_named(body)
     building = _loaded(folder)
     found = check(with_zones(building), surroundings(building, chair))
     errors = sum(each.severity is FindingSeverity.ERROR for each in found)
@@ -219,7 +219,7 @@ def route_command(
     """
     from waychair.planning.building.route_ends import route_end
 
-    chair = chair_body(body)
+    chair = body_named(body)
     building = _loaded(folder)
     planner = _planner(building, method)
     first, last = (route_end(building, planner, text, chair) for text in (start, goal))

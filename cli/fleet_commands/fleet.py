@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter, validators
 
-from waychair.cli.options.arguments import BadArgument, NonNegativeInt, PositiveInt, chair_body
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt, PositiveInt, body_named
 
 if TYPE_CHECKING:
     from waychair.maps.traffic.traffic_graph import TrafficGraph
@@ -219,7 +219,7 @@ def check_command(
     from waychair.maps.traffic.well_formed import well_formed
     from waychair.trials.fleet.fleet_sources import traffic_from_source
 
-    chair = chair_body(body)
+    chair = body_named(body)
     traffic = traffic_from_source(map, width=width, chair_width=chair.width, rooms=rooms)
     graph = traffic.graph
     found = well_formed(graph)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import BadArgument, Minutes, NonNegativeInt, chair_body
+from waychair.cli.options.arguments import BadArgument, Minutes, NonNegativeInt, body_named
 
 if TYPE_CHECKING:
     from waychair.trials.guiding.guided import GuidedRecord
@@ -80,7 +80,7 @@ def guide_command(
     own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
     to = place_among(own, goal, "--goal", owner)
     begin = plan.start if start is None else place_among(own, start, "--start", owner).pose
-    chair = chair_body(body)
+    chair = body_named(body)
     if sound is not None and rider == "stick":
         raise BadArgument("a rider who sees the steps hears nothing: leave --sound or --rider stick out")
     track = None if sound is None else SoundTrack()

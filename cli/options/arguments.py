@@ -66,7 +66,7 @@ NonEmptyPath = Annotated[Path, Parameter(converter=_named)]
 """A path that is not empty."""
 
 
-def chair_body(name: str) -> ChairBody:
+def body_named(name: str) -> ChairBody:
     """Return the chair that `--body` names.
 
     Raises:

@@ -128,12 +128,9 @@ class CarryJudge:
             return False
         fits = found.response >= _POOR_RESPONSE
         limit = _SURELY_CONTRADICTED if fits else _CONTRADICTED
-        away = math.hypot(found.pose.x - guess.x, found.pose.y - guess.y)
-        if at[1].contradiction > limit:
-            if away > SLIP_CLAIMED and not fits:
-                limit = _POOR_SLIP_CONTRADICTED
-            elif away > _SLIP:
-                limit = _SLIP_CONTRADICTED
+        slip, slip_limit = (_SLIP, _SLIP_CONTRADICTED) if fits else (SLIP_CLAIMED, _POOR_SLIP_CONTRADICTED)
+        if at[1].contradiction > limit and math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > slip:
+            limit = slip_limit
         factor = _AGAIN if again else 1.0
         if least.contradiction <= factor * limit:
             return False

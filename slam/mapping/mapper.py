@@ -369,22 +369,19 @@ class Mapper:
             step = self._state.last_match.inverse() @ self._state.by_odometry
             known = odometry_information(step) / (1.0 if self._state.odometry is not None else _GUESS_DOUBT)
             self._follow(self._tears.begin_part(self.keys, self._recent_keys, torn, known))
+            self._attach_beyond(node)
         self._recent_keys = []
         self._closer.begin_part()
-        self._attach_beyond(node)
         self._state.unmatched = 0
 
     def _attach_beyond(self, node: int) -> None:
         """Attach the frames since the last full match that lie beyond a tear to the key scan after it, by odometry."""
         tracked = self._state.since_match
-        if len(tracked) < 3:
-            return
-        base_from_last = tracked[-1].by_odometry.inverse()
-        for k in range(first_beyond(tracked, len(tracked) - max(self._state.doubted, 1)), len(tracked) - 1):
-            frame = self.frames[k + 1 - len(tracked)]
-            self.frames[k + 1 - len(tracked)] = AttachedFrame(
-                frame.stamp_ns, node, base_from_last @ tracked[k].by_odometry
-            )
+        here_from_key = tracked[-1].by_odometry.inverse()
+        first = first_beyond(tracked, max(len(tracked) - self._state.doubted, 1))
+        for k in range(first + 1 - len(tracked), 0):  # the last one tracked is that of the key scan, not attached yet
+            moved = here_from_key @ tracked[k - 1].by_odometry
+            self.frames[k] = AttachedFrame(self.frames[k].stamp_ns, node, moved)
 
     def _judge_tears(self) -> bool:
         """Judge open tears and slips by the scans since then; return whether that took long."""

@@ -34,8 +34,8 @@ class TrackingState:
     doubted: int = 0  # latest scans in a row that contradict those before
     inliers: float = 1.0  # of the latest scan
     slip: OpenTear | None = None  # that the latest match claims
-    since_match: deque[TrackedFrame] = field(default_factory=lambda: deque(maxlen=_TRACKED_FRAMES))
     # the frame of the last full match, and those after it
+    since_match: deque[TrackedFrame] = field(default_factory=lambda: deque(maxlen=_TRACKED_FRAMES))
 
 
 def first_beyond(frames: Sequence[TrackedFrame], latest: int) -> int:

@@ -7,11 +7,11 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation.scenes.maps.spliced_drives import spliced
 
 from waychair.geometry import compose
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording
@@ -19,7 +19,6 @@ from waychair.offline.mapping_report import torn_warnings
 from waychair.recordings.recording import Recording, read_recording, write_tum
 from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
-from waychair.slam.mapping.tracking import odometry_of
 from waychair.slam.scan.scan_points import scan_points
 from waychair.slam.trajectory_errors import read_relations
 from waychair.slam.trajectory_errors import relation_errors as own_relation_errors
@@ -63,20 +62,11 @@ def test_a_drive_whose_scans_contradict_each_other_is_not_torn(data_dir: Path, l
     assert not mapper.keys.is_torn
 
 
-def spliced(recording: Recording, first: slice, then: slice) -> Mapper:
+def carried_over(recording: Recording, first: slice, then: slice) -> Mapper:
     """Map two parts of a recording, between which the chair is carried; the odometry does not show it."""
     mapper = Mapper(MapperSettings(), recording.base_from_laser)
-    before, after = recording.frames[first], recording.frames[then]
-    lifted, put_down = odometry_of(before[-1]), odometry_of(after[0])
-    assert lifted is not None
-    assert put_down is not None
-    for frame in before:
+    for frame in spliced(recording.frames[first], recording.frames[then]):
         mapper.process(frame)
-    for frame in after:
-        here = odometry_of(frame)
-        assert here is not None
-        pose = lifted.odom_from_base @ (put_down.odom_from_base.inverse() @ here.odom_from_base)
-        mapper.process(replace(frame, wheels=(replace(here, odom_from_base=pose),)))
     return mapper
 
 
@@ -91,7 +81,7 @@ def test_frames_that_fit_by_chance_before_a_tear_lie_beyond_it(
     data_dir: Path, log: str, first: slice, then: slice
 ) -> None:
     """The first scan after the carry is tracked on the walls of the place before, and no full match is due there."""
-    mapper = spliced(read_recording(data_dir / log), first, then)
+    mapper = carried_over(read_recording(data_dir / log), first, then)
     assert mapper.keys.is_torn
     count = first.stop - first.start
     torn = next(edge.j for edge in mapper.keys.edges if edge.kind is EdgeKind.UNKNOWN)
@@ -103,7 +93,7 @@ def test_a_chair_that_is_carried_a_step_along_a_corridor_is_found_there(data_dir
     """Carried 1.8 m back: the scan fits poorly where the odometry says, and well where the chair is."""
     recording = read_recording(data_dir / "lidar_intel/intel_first1088s.clf.gz")
     relations = read_relations(data_dir / "lidar_intel/intel_first1088s.relations.gz")
-    result = spliced(recording, slice(0, 1029), slice(2539, 2620)).result()
+    result = carried_over(recording, slice(0, 1029), slice(2539, 2620)).result()
     errors = own_relation_errors(result.trajectory, relations)
     assert errors.loop.count >= 8
     assert errors.loop.max_m < 0.3
@@ -118,7 +108,7 @@ def test_a_chair_that_is_carried_a_step_along_a_corridor_is_found_there(data_dir
     ],
 )
 def test_a_carry_to_a_place_that_looks_alike_is_told(data_dir: Path, log: str, lifted: int, put_down: int) -> None:
-    result = spliced(read_recording(data_dir / log), slice(0, lifted), slice(put_down, None)).result()
+    result = carried_over(read_recording(data_dir / log), slice(0, lifted), slice(put_down, None)).result()
     told = " ".join(torn_warnings(result))
     assert "odometry alone joins" in told or "is not joined" in told
 

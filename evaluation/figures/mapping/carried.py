@@ -6,21 +6,21 @@ import dataclasses
 import math
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import chain, pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from evaluation.figures.mapping.logs import DATA
+from evaluation.scenes.maps.spliced_drives import odometry_in, spliced, with_odometry
 from waychair.geometry import compose, invert
 from waychair.offline.mapping_report import tears_of, torn_warnings
 from waychair.recordings.recording import Recording, read_recording
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.mapping.mapper_result import MapperResult
-from waychair.slam.mapping.tracking import odometry_of
 from waychair.slam.trajectory_errors import Relations, read_relations, relation_errors
-from waychair.types import FloatArray, IntArray, Json, Odometry, Pose2, SensorFrame
+from waychair.types import FloatArray, IntArray, Json, Pose2, SensorFrame
 
 SPLICES = 10
 _RADISH = "lidar_radish_corrected/{}-corrected.log.gz"
@@ -82,7 +82,7 @@ class _SplicedLog:
         if name in _RELATIONS:
             self._relations = read_relations(DATA / _RELATIONS[name])
         else:
-            self._whole = _mapped(self.recording, self.recording.frames)
+            self._whole = mapper_over(self.recording, self.recording.frames).result()
 
     def draw(self, rng: np.random.Generator) -> tuple[int, int]:
         """Return the number of the frame at which the chair is lifted, and of that at which it is put down."""
@@ -95,8 +95,8 @@ class _SplicedLog:
 
     def verdict(self, cut: int, on: int) -> tuple[str, float]:
         """Return whether the map of a splice is mended, known to be torn, or wrong, and its error across loops [m]."""
-        frames = chain(self.recording.frames[:cut], _continued(self.recording, cut, on))
-        result = _mapped(self.recording, frames)
+        frames = self.recording.frames
+        result = mapper_over(self.recording, spliced(frames[:cut], frames[on:])).result()
         if self._relations is not None:
             error, limit = relation_errors(result.trajectory, self._relations).loop.mean_m, _MOST_M
         else:
@@ -126,29 +126,12 @@ def _nearest_pairs(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
     return i, j
 
 
-def _mapped(recording: Recording, frames: Sequence[SensorFrame] | Iterator[SensorFrame]) -> MapperResult:
+def mapper_over(recording: Recording, frames: Iterable[SensorFrame]) -> Mapper:
+    """Return the mapper of a recording's lidar after these frames."""
     mapper = Mapper(MapperSettings(), recording.base_from_laser)
     for frame in frames:
         mapper.process(frame)
-    return mapper.result()
-
-
-def _continued(recording: Recording, cut: int, on: int) -> Iterator[SensorFrame]:
-    """Yield the frames from `on`, with odometry that continues that of frame `cut` - 1."""
-    here, there = _odometry(recording.frames[cut - 1]), _odometry(recording.frames[on])
-    for frame in recording.frames[on:]:
-        pose = here.odom_from_base @ (there.odom_from_base.inverse() @ _odometry(frame).odom_from_base)
-        yield _with_odometry(frame, pose)
-
-
-def _with_odometry(frame: SensorFrame, pose: Pose2) -> SensorFrame:
-    return dataclasses.replace(frame, wheels=(dataclasses.replace(_odometry(frame), odom_from_base=pose),))
-
-
-def _odometry(frame: SensorFrame) -> Odometry:
-    reading = odometry_of(frame)
-    assert reading is not None
-    return reading
+    return mapper
 
 
 def false_tears(out: Path) -> Json:
@@ -164,7 +147,7 @@ def false_tears(out: Path) -> Json:
         if name in _WITHOUT_ODOMETRY:
             drives["no odometry"] = [dataclasses.replace(frame, wheels=(), imu=()) for frame in recording.frames]
         for odometry, frames in drives.items():
-            result = _mapped(recording, frames)
+            result = mapper_over(recording, frames).result()
             tears = tears_of(result)
             rows.append({"log": name, "odometry": odometry, "tears": tears, "counts": dict(result.counts)})
             print({"log": name, "odometry": odometry, "tears": tears}, flush=True)
@@ -173,11 +156,11 @@ def false_tears(out: Path) -> Json:
 
 def _noisy(frames: Sequence[SensorFrame], seed: int) -> Iterator[SensorFrame]:
     """Yield frames with odometry whose every step errs."""
-    rng, pose = np.random.default_rng(seed), _odometry(frames[0]).odom_from_base
+    rng, pose = np.random.default_rng(seed), odometry_in(frames[0]).odom_from_base
     yield frames[0]
     for before, now in pairwise(frames):
-        step = (_odometry(before).odom_from_base.inverse() @ _odometry(now).odom_from_base).array()
+        step = (odometry_in(before).odom_from_base.inverse() @ odometry_in(now).odom_from_base).array()
         way = math.hypot(step[0], step[1])
         step += rng.normal(0.0, 1.0, 3) * (_WAY_NOISE * way, _WAY_NOISE * way, _TURN_NOISE * math.sqrt(way))
         pose = pose @ Pose2(*step.tolist())
-        yield _with_odometry(now, pose)
+        yield with_odometry(now, pose)

@@ -17,14 +17,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from evaluation.figures.mapping.carried import LOGS
+from evaluation.figures.mapping.carried import LOGS, mapper_over
 from evaluation.figures.mapping.logs import DATA
-from waychair.geometry import transform_points
 from waychair.recordings.recording import read_recording
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.scan.submap_search import SubmapPyramids, SubmapRound
-from waychair.types import FloatArray, Json
+from waychair.types import FloatArray, Json, Pose2
 
 SUBMAP, QUERY, APART = 40, 15, 100
 """Key scans of a submap and of the view that is searched for, as in the mapper, and between the two at least."""
@@ -47,12 +45,12 @@ Signature: TypeAlias = tuple[FloatArray, ...]
 
 @dataclass(frozen=True, slots=True)
 class _Query:
-    """A view by its key scan, the first key scans of all submaps, and of those that show the place.
+    """The points (N, 2) [m, base] of a view, the first key scans of all submaps, and of those that show the place.
 
     `away` [m]: the distances of the submaps on a map that is wrong; `chance` orders them by chance.
     """
 
-    node: int
+    points: FloatArray
     submaps: tuple[int, ...]
     right: frozenset[int]
     away: Mapping[int, float]
@@ -77,19 +75,20 @@ def submap_signatures(out: Path) -> Json:
 
 def _rows(name: str) -> Iterator[Json]:
     recording = read_recording(DATA / LOGS[name])
-    mapper = Mapper(MapperSettings(), recording.base_from_laser)
-    for frame in recording.frames:
-        mapper.process(frame)
+    mapper = mapper_over(recording, recording.frames)
     mapper.result()
     keys, known = mapper.keys, dict[int, list[Signature]]()
     queries = list(_queries(keys))
+    pyramids = [
+        SubmapPyramids() for _ in range(0, len(keys), SUBMAP)
+    ]  # of a submap each, since one cache would not hold all
     scored = [_scores(keys, query, known) for query in queries]
     for order in scored[0]:
         ranks, spent = [], []
         for query, scores in zip(queries, scored, strict=True):
             inorder = sorted(query.submaps, key=scores[order].__getitem__)
             ranks.append(min(k for k, submap in enumerate(inorder) if submap in query.right))
-            spent.append(_round_s(keys, query.node, inorder))
+            spent.append(_round_s(keys, query.points, inorder, pyramids))
         yield {
             "log": name,
             "order": order,
@@ -111,7 +110,9 @@ def _queries(keys: KeyGraph) -> Iterator[_Query]:
         right = frozenset(first for first in submaps if away[first] < NEAR)
         if right and len(submaps) > len(right):
             off = {first: _least_away(keys, first, node, error) for first in submaps}
-            yield _Query(node, submaps, right, off, dict(zip(submaps, rng.random(len(submaps)).tolist(), strict=True)))
+            chance = dict(zip(submaps, rng.random(len(submaps)).tolist(), strict=True))
+            view = keys.joined_points(range(node - QUERY + 1, node + 1), keys.pose(node), CELL)
+            yield _Query(view.points, submaps, right, off, chance)
 
 
 def _least_away(keys: KeyGraph, first: int, node: int, error: FloatArray) -> float:
@@ -122,7 +123,7 @@ def _least_away(keys: KeyGraph, first: int, node: int, error: FloatArray) -> flo
 
 def _scores(keys: KeyGraph, query: _Query, known: dict[int, list[Signature]]) -> dict[str, Mapping[int, float]]:
     """Return, for each order, the figure by which it sorts the submaps, the least first."""
-    own = _signature(_surfaces(keys, range(query.node - QUERY + 1, query.node + 1)), keys.poses[query.node])
+    own = _signature(query.points, np.zeros(3))
     scores: dict[str, Mapping[int, float]] = {}
     for which, order in enumerate(("rings", "nearest, ascending", "nearest by direction")):
         turns = DIRECTIONS if order == "nearest by direction" else 1
@@ -139,16 +140,9 @@ def _signatures(keys: KeyGraph, first: int, known: dict[int, list[Signature]]) -
     """Return the signatures at all key scans of a submap."""
     if first not in known:
         members = range(first, first + SUBMAP)
-        points = _surfaces(keys, members)
+        points = keys.joined_points(members, Pose2(), CELL).points
         known[first] = [_signature(points, keys.poses[node]) for node in members]
     return known[first]
-
-
-def _surfaces(keys: KeyGraph, nodes: Sequence[int]) -> FloatArray:
-    """Return the surface points (N, 2) [m] of key scans in the map, one for each cell."""
-    points = np.concatenate([transform_points(keys.pose(node), keys.store[node].points) for node in nodes])
-    cells: FloatArray = np.unique(np.round(points / CELL), axis=0) * CELL
-    return cells
 
 
 def _signature(points: FloatArray, pose: FloatArray) -> Signature:
@@ -163,15 +157,14 @@ def _signature(points: FloatArray, pose: FloatArray) -> Signature:
     return rings, np.sort(profile), profile
 
 
-def _round_s(keys: KeyGraph, node: int, submaps: Sequence[int]) -> float:
+def _round_s(keys: KeyGraph, points: FloatArray, submaps: Sequence[int], pyramids: Sequence[SubmapPyramids]) -> float:
     """Return the time [s] of a search of all submaps in this order, with their pyramids at hand."""
-    query = keys.joined_points(range(node - QUERY + 1, node + 1), keys.pose(node), CELL)
-    members = [(first, np.arange(first, first + SUBMAP)) for first in submaps]
-    whole, spent = SubmapRound(query.points, members), 0.0
+    whole, spent = SubmapRound(points, [(first, np.arange(first, first + SUBMAP)) for first in submaps]), 0.0
     while whole.waiting:
-        pyramids = SubmapPyramids()
-        pyramids.pyramid(whole.waiting[0][0], keys.store, keys.poses, whole.waiting[0][1])
+        first, members = whole.waiting[0]
+        at_hand = pyramids[first // SUBMAP]
+        at_hand.pyramid(first, keys.store, keys.poses, members)
         started = time.process_time()
-        whole.search(keys.store, keys.poses, pyramids)
+        whole.search(keys.store, keys.poses, at_hand)
         spent += time.process_time() - started
     return spent
