@@ -138,6 +138,8 @@ class _Tick:
         guidance, after = self._phase(state)
         since_s, veer = self._since_obeyed(after), self.guide.rider.veer_per_m
         hold = stick_hold(self.plan, after, self.now, self.guide.body, veer, since_s)
+        if guidance.astray or self.now.now_ns < after.quiet_ns:
+            hold = replace(hold, rear=1.0)  # nothing is asked for
         return replace(guidance, hold=hold), after
 
     def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
@@ -190,8 +192,8 @@ class _Tick:
             return self._quiet(reason, state, **flags)
         if state.ignored >= IGNORED:
             quiet_ns = self.now.now_ns + round(QUIET_S * 1e9)
-            flags["offers_repeat"] = True
-            return self._quiet("the rider does not follow", replace(state, ignored=0, quiet_ns=quiet_ns), **flags)
+            state = replace(state, ignored=0, quiet_ns=quiet_ns)
+            return self._quiet("the rider does not follow", state, offers_repeat=True, **flags)
         return self._say(symbol, reason, replace(state, ignored=state.ignored + 1), **flags)
 
     # phases -----------------------------------------------------------------------------------------------------------
@@ -211,15 +213,13 @@ class _Tick:
         return self._phase(self.guide._begin(self.plan, state.step + 1, state, self.now))
 
     def _turn(self, state: GuideState) -> tuple[GuideWord, GuideState]:
-        omega = self.now.twist.omega
-        error = wrap_angle(state.heading - self.now.pose.theta)
+        omega, error = self.now.twist.omega, wrap_angle(state.heading - self.now.pose.theta)
         side = _SIDE.get(state.said, self.plan.steps[state.step].turn)
         if abs(error) > ABOUT and error * side < 0.0:
             error += math.copysign(math.tau, side)
         after = self._after_turn(state)
         swivel = Symbol.SWIVEL_LEFT if error > 0.0 else Symbol.SWIVEL_RIGHT
-        left = abs(error)
-        turns = abs(omega) > STILL_OMEGA
+        left, turns = abs(error), abs(omega) > STILL_OMEGA
         reason = f"turn {'left' if error > 0.0 else 'right'}, {math.degrees(left):.0f} degrees more"
         if state.said not in SWIVELS:
             if left < self._swivel_from(state) and (not turns or omega * error > 0.0):
@@ -240,7 +240,7 @@ class _Tick:
         over = self.now.held_turn or self._since_obeyed(state) > OBEYED_S  # the guard holds what has come far enough
         if not turns and left < self._swivel_from(state) and over:
             return self._leave_turn(state)
-        if self._stood(state, swivel) > (0.0 if self.now.held_turn else STUCK_S):
+        if self.now.pushes_aside and self._stood(state, swivel) > (0.0 if self.now.held_turn else STUCK_S):
             return self._shuffle(state)
         return self._ask_again(swivel, reason, state)
 
@@ -281,7 +281,7 @@ class _Tick:
     def _shuffle(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """The chair cannot turn on: a little back, and if that is not free either new steps are wanted."""
         if state.shuffles >= MOST_TRIES:
-            return self._quiet("the turn is blocked", state, astray=True)
+            return self._quiet("neither the turn nor the way back is free", state, astray=True)
         state = replace(state, shuffles=state.shuffles + 1)
         along, _, _ = on_leg(self._leg(state), self.now.pose)
         return self._back(replace(state, phase=LeadingPhase.BACK, back_until=along - SHUFFLE, still_ns=None))
@@ -307,6 +307,8 @@ class _Tick:
                 return self._quiet("neither the turn nor the way back is free", state, astray=True)
             return self._leave_back(state)
         if left <= max(-v, 0.0) * self.guide.lead(following):
+            if state.tries >= OPEN_TRIES and leg.door is None:  # the same leg would end before the same thing
+                return self._quiet("something is in the way", state, astray=True)
             return self._leave_back(state)
         reason = f"back, {max(left, 0.0):.1f} m more"
         if state.said is Symbol.BACK or (state.said in NUDGES and backs):
@@ -389,21 +391,22 @@ class _Tick:
 
     def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[GuideWord, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
-        now = self.now
-        state = self._watched(state, moves=False)
+        now, state = self.now, self._watched(state, moves=False)
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < OBEYED_S
         stood = self._stood(state, Symbol.FORWARD)
         askew = abs(error) > STRAIGHT_ENOUGH
         step = self.plan.steps[state.step]
         along, _, _ = on_leg(step, now.pose)
         at_jamb = step.door is not None and not (state.aim and aims_well(step, state.aim, self.guide.body))
-        held = now.held_ahead and (at_jamb or stood > STUCK_S)  # elsewhere somebody may walk by
-        if state.said is Symbol.FORWARD and not pending and (held or stood > 2.0 * STUCK_S):
+        held = now.held_ahead and at_jamb  # elsewhere somebody may walk by
+        if state.said is Symbol.FORWARD and not pending and (held or (now.pushes_ahead and stood > 2.0 * STUCK_S)):
             return self._retry(state, "something is in the way")
         if askew and (stood > STRAIGHTENS_S or (not pending and front_at_door(step, along, self.guide.body))):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)
+        if state.said is Symbol.FORWARD and now.held_ahead:
+            return self._quiet("something is in the way", state)  # the driver obeys already
         if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V and not now.held_swivel:
             return self._say(side, f"straighten, {abs(math.degrees(error)):.0f} degrees off", state)
         if state.said is Symbol.FORWARD or now.held_swivel:  # nudges do nothing to a hand that holds a turn
@@ -457,9 +460,8 @@ class _Tick:
         if aims_well(step, state.aim, self.guide.body):
             return None
         offset, turned = state.aim.offset, state.aim.turned
-        return self._retry(
-            state, f"{abs(100.0 * offset):.0f} cm and {abs(math.degrees(turned)):.0f} degrees off the door"
-        )
+        off = f"{abs(100.0 * offset):.0f} cm and {abs(math.degrees(turned)):.0f} degrees off the door"
+        return self._retry(state, off)
 
     def _aimed(self, step: Step, state: GuideState, course: Pose2) -> GuideState:
         """Return the state with the aim at the door, smoothed: one noisy pose must not break a good try off."""
@@ -484,7 +486,7 @@ class _Tick:
     def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
-        if state.tries >= (OPEN_TRIES if step.door is None else MOST_TRIES):
+        if state.tries >= MOST_TRIES:
             return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
         along, _, _ = on_leg(step, self.now.pose)
         until = along - BACK_FROM_THINGS
@@ -492,9 +494,7 @@ class _Tick:
             at = step.start.inverse() @ step.door.map_from_door
             until = min(until, at.x - HALF_WALL - self.guide.body.front - BACK_OFF)
         until = max(until, -BACK_FROM_THINGS if self.now.holds else -BEHIND_START)
-        state = replace(
-            state, phase=LeadingPhase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None
-        )
-        guidance, state = self._back(state)
+        state = replace(state, phase=LeadingPhase.BACK, back_until=until, tries=state.tries + 1)
+        guidance, state = self._back(replace(state, still_ns=None, aim=None))
         reason = guidance.reason
         return replace(guidance, reason=reason if reason.startswith(why) else f"{why}: {reason}"), state

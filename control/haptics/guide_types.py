@@ -64,7 +64,7 @@ class GuideState:
 
 
 _HELD, _HELD_AT = 0.03, 0.1
-"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
+"""Shares of the swing: the stick is pushed so far beyond a cap, and a cap or a push that makes hardly any motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class GuideInputs:
     """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back.
 
     `held_swivel`: all that the hand does is a turn that the guard holds. `holds`: the board holds the stick as the guide asks
-    (`StickHold`).
+    (`StickHold`). `pushes_ahead`, `pushes_aside`: the hand pushes the stick so; true where nobody tells.
     """
 
     now_ns: int
@@ -83,6 +83,8 @@ class GuideInputs:
     held_turn: bool = False
     held_swivel: bool = False
     holds: bool = False
+    pushes_ahead: bool = True
+    pushes_aside: bool = True
 
     @classmethod
     def under(
@@ -106,6 +108,8 @@ class GuideInputs:
             held_turn=held_turn,
             held_swivel=held_turn and abs(turn) > 2.0 * abs(forward),
             holds=True,
+            pushes_ahead=forward > _HELD_AT,
+            pushes_aside=abs(turn) > _HELD_AT,
         )
 
 
@@ -113,13 +117,14 @@ class GuideInputs:
 class StickHold:
     """How the rider's stick is best held while the rider is led, in shares of the swing.
 
-    `front`: it passes ahead up to this. `left`, `right`: a smaller turn to that side is not passed on, because it leads off the
+    `front`, `rear`: it passes ahead and back up to this. `left`, `right`: a smaller turn to that side is not passed on, because it leads off the
     heading that was asked for: the drift of a hand that does not see where straight ahead is, or a turn that has come far enough.
     """
 
     front: float = 1.0
     left: float = 0.0
     right: float = 0.0
+    rear: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

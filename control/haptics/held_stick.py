@@ -1,7 +1,9 @@
 """How the guard holds the stick of a driver who is led: what leads off the heading that was asked for is not passed on.
 
 A hand that does not see where straight ahead is drifts, and a nudge may turn the chair less than the drift does until the next
-one. The guard clamps only: it stops a turn, and never makes one. A turn that the rider means passes while the chair drives.
+one. The guard clamps only: it stops a turn, and never makes one. A turn that the rider means passes while the chair drives. A push
+ahead or back that was not asked for moves nothing: a symbol was taken for another, or a hand drifts that turns on the spot, and
+nobody sees behind the chair. The rider's override lets all through.
 """
 
 from __future__ import annotations
@@ -36,17 +38,28 @@ def stick_hold(
     plan: StepPlan, state: GuideState, now: GuideInputs, body: ChairBody, veer: float, since_obeyed_s: float
 ) -> StickHold:
     """Return how the stick is best held. `since_obeyed_s`: since the last symbol should have been obeyed, negative before."""
-    front, obeys = _front(plan, state, now, body, veer), since_obeyed_s < OBEYED_S
+    front, rear = _asked(state, now, since_obeyed_s > 0.0)
+    front, obeys = min(front, _front(plan, state, now, body, veer)), since_obeyed_s < OBEYED_S
     error = _error(plan, state, now, body, veer, obeys)
     if error is None:
-        return StickHold(front)
+        return StickHold(front, rear=rear)
     held = ALL if (state.phase is LeadingPhase.TURN or obeys) and abs(now.twist.v) < STILL_V else DRIFT
     nudged_left, nudged_right = (any(side * each.turn > 0.0 for each in state.nudges) for side in (1.0, -1.0))
     return StickHold(
         front,
         left=held if error < HELD_FROM and not nudged_left else 0.0,
         right=held if error > -HELD_FROM and not nudged_right else 0.0,
+        rear=rear,
     )
+
+
+def _asked(state: GuideState, now: GuideInputs, obeyed: bool) -> tuple[float, float]:
+    """Return the caps ahead and back: none for what was asked for, and until a symbol is `obeyed` none for what was asked for before."""
+    if state.phase is LeadingPhase.DONE:
+        return 1.0, 1.0
+    ahead = state.phase is LeadingPhase.GO or (not obeyed and now.twist.v > STILL_V)
+    back = state.phase is LeadingPhase.BACK or (not obeyed and now.twist.v < -STILL_V)
+    return float(ahead), float(back)
 
 
 def _error(

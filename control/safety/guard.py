@@ -45,8 +45,8 @@ SPOKEN = {
     HelpLevel.INFORM: "Inform: nothing slows or stops your joystick.",
     HelpLevel.GUARD: "Guard: the chair slows and stops before what it sees. It does not see everything. Let go of the joystick "
     "for two seconds.",
-    HelpLevel.GUIDE: "Guide: guarded, and led step by step; a turn ends at its heading, and slight pushes aside do nothing. Let go of "
-    "the joystick for two seconds.",
+    HelpLevel.GUIDE: "Guide: guarded, and led step by step; a turn ends at its heading, and a push that was not asked for may do "
+    "nothing. Let go of the joystick for two seconds.",
 }
 """The sentence of each level when it begins."""
 

@@ -106,7 +106,7 @@ class RiderGuard:
         return self._override is not None
 
     def hold_stick(self, hold: StickHold, now_ns: int) -> None:
-        """Hold the stick for `HELD_MS` as the guidance asks: slow at a door, and without a turn off the heading asked for."""
+        """Hold the stick for `HELD_MS` as the guidance asks: slow at a door, and without what was not asked for."""
         self._hold = hold, now_ns
 
     def limit(
@@ -153,8 +153,8 @@ class RiderGuard:
         return caps if self._override is None else crept(caps, stick, motion, self._body)
 
     def _hold_now(self, now_ns: int) -> StickHold:
-        """Return the hold that the guidance asks for now; by default none."""
-        if self.level is not HelpLevel.GUIDE or self._hold is None:
+        """Return the hold that the guidance asks for now; none by default, and while the rider overrides."""
+        if self.level is not HelpLevel.GUIDE or self._hold is None or self.overridden:
             return StickHold()
         hold, asked_ns = self._hold
         return hold if 0 <= now_ns - asked_ns <= HELD_MS * 1_000_000 else StickHold()
@@ -181,6 +181,7 @@ def _held(caps: Caps, stick: JoystickInput | None, hold: StickHold) -> Caps:
     return replace(
         caps,
         front=min(caps.front, hold.front),
+        rear=min(caps.rear, hold.rear),
         left=0.0 if left else caps.left,
         right=0.0 if right else caps.right,
     )

@@ -157,6 +157,17 @@ def test_guidance_slows_the_stick_ahead_while_it_speaks_and_only_at_its_own_leve
     assert state.telemetry.guard.caps[0] > 0.5
 
 
+def test_guidance_holds_a_push_back_that_was_not_asked_for_until_the_rider_overrides(ride: Ride) -> None:
+    _guarded(ride)
+    ride.chair.choose_level(HelpLevel.GUIDE)
+    ride.simulator.rider = JoystickInput(0, -0.3, 0.0)
+    assert _caps_under(ride, StickHold(rear=0.0))[1] == 0.0
+    assert _caps_under(ride, StickHold(rear=math.nan))[1] > 0.1
+    assert _caps_under(ride, StickHold(rear=0.0))[1] == 0.0
+    assert ride.chair.override_guard(ride.simulator.now_ns) == (True, OVERRIDES)
+    assert _caps_under(ride, StickHold(rear=0.0))[1] > 0.1
+
+
 def test_guidance_holds_a_drift_of_the_hand_but_no_turn_that_is_meant(ride: Ride) -> None:
     _guarded(ride)
     ride.chair.choose_level(HelpLevel.GUIDE)
