@@ -18,6 +18,7 @@ from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
 from waychair.control.haptics.guide_types import GuideInputs, GuideWord, StickHold
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.control.haptics.turned_device import OppositeAnswers
 from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
@@ -134,6 +135,7 @@ class HapticGuide:
         self._cells = CellMemory()
         self._asked = _Asked()
         self._level_told, self._waits, self._creeps = "", False, False
+        self._answers = OppositeAnswers()
 
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
@@ -148,6 +150,7 @@ class HapticGuide:
         self._begun(goal)
 
     def _begun(self, goal: Place) -> None:
+        self._answers = OppositeAnswers()
         self.state = replace(self.state, goal=goal.name, arrived=False)
 
     def end(self, reason: str = "you have ended it") -> None:
@@ -204,6 +207,7 @@ class HapticGuide:
         # the guide itself counts what is ignored, so the teller need not
         told = self._teller.tick(wanted, now.now_ns, asked=again is not None, reacted=True)
         self._note(told, guidance, again, now)
+        self._watch_answers(told, now)
         sentence = self._sentence(again, guidance, now)
         if sentence:
             self._teller.announce(sentence, now.now_ns)
@@ -280,6 +284,16 @@ class HapticGuide:
             self.leader.note_said(advice, now.now_ns, now.twist)
         else:
             self.leader.note_unsaid()
+
+    def _watch_answers(self, told: ToldAdvice, now: HapticInputs) -> None:
+        """Lead no longer where the rider does the opposite again and again: the device sits the wrong way round."""
+        answers = self._answers.after(now.stick, now.now_ns)
+        if told.said is not None and not told.unfelt:
+            answers = answers.said(told.said.symbol, now.now_ns, self.leader.lead_s(told.said.symbol))
+        if answers.words:
+            self.leader.end(answers.words)
+            answers = OppositeAnswers()
+        self._answers = answers
 
     def _sentence(self, again: Advice | None, guidance: GuideWord | None, now: HapticInputs) -> str:
         """Return a sentence to be spoken besides symbols: an answer, a new level of help, an offer, or the end of leading."""

@@ -16,6 +16,7 @@ import numpy as np
 from waychair.control.haptics.learning import RiderLearner, expected
 from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
+from waychair.control.haptics.turned_device import turned_words
 from waychair.errors import GloveError
 from waychair.firmware_bridge.glove.messages import PlayStep
 from waychair.types import JoystickInput
@@ -165,10 +166,7 @@ third at most. And the fewest answers by which this is decided."""
 
 
 def turned_device(answers: Sequence[GameAnswer]) -> str:
-    """Return in a sentence how a device sits whose symbols were answered by their opposites; empty if they were not.
-
-    A device that is turned by half a turn swaps ahead and back, and keeps the sense of the swivels, which run round.
-    """
+    """Return in a sentence how a device sits whose symbols were answered by their opposites; empty if they were not."""
 
     def swapped(one: Symbol, other: Symbol) -> bool:
         of_them = [each for each in answers if each.said in (one, other)]
@@ -176,11 +174,4 @@ def turned_device(answers: Sequence[GameAnswer]) -> str:
         count = sum(each.done == opposite[each.said] for each in of_them)
         return len(of_them) >= TURNED_LEAST and count >= TURNED_SHARE * len(of_them)
 
-    along, round_ = swapped(Symbol.FORWARD, Symbol.BACK), swapped(Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
-    if along and round_:
-        return "ahead and back, and left and right, were answered as each other: the device may sit upside down; put it on anew"
-    if along:
-        return "ahead and back were answered as each other: the device may be turned by half a turn; put it on anew"
-    if round_:
-        return "left and right were answered as each other: the device may sit upside down, or on the other hand; put it on anew"
-    return ""
+    return turned_words(swapped(Symbol.FORWARD, Symbol.BACK), swapped(Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT))

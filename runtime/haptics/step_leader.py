@@ -126,9 +126,8 @@ class StepLeader:
         self._take_plan(now.now_ns)
         if self._plan is None:
             return None
-        guide = StepGuide(self._body, self.learner.model, self._durations)
         self._before = self._memory
-        guidance, self._memory = guide.step(self._plan, self._memory, now)
+        guidance, self._memory = self._guide.step(self._plan, self._memory, now)
         if guidance.arrived:
             self.end("arrived")
             self.arrived = True
@@ -139,6 +138,14 @@ class StepLeader:
         ):
             self._ask_anew(guidance.reason, now)
         return guidance
+
+    @property
+    def _guide(self) -> StepGuide:
+        return StepGuide(self._body, self.learner.model, self._durations)
+
+    def lead_s(self, symbol: Symbol) -> float:
+        """Return the time [s] from sending a symbol until this rider obeys."""
+        return self._guide.lead(symbol)
 
     def note_said(self, advice: Advice, now_ns: int, moving: Twist) -> None:
         """Note that the guide's advice of this tick reaches the rider: its effect is watched."""

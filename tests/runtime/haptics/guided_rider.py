@@ -21,7 +21,7 @@ from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
-from waychair.types import GuardReport, HelpLevel, OccupancyGrid, Place, Pose2, Twist
+from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Place, Pose2, Twist
 
 TICK_MS = 50
 START, DESK = Pose2(1.0, 2.0, 0.0), Place("desk", Pose2(5.0, 2.0, 0.0), 0.3, 0.3)
@@ -54,6 +54,7 @@ class GuidedRider:
         self.level, self.level_told = HelpLevel.GUIDE, ""
         self.signal: Signal | None = None
         self.guard: GuardReport | None = None
+        self.stick: JoystickInput | None = None
         self.now_ms = 0
         self.states: list[HapticState] = []
         self.levels = np.zeros((0, 16), np.uint8)
@@ -77,7 +78,8 @@ class GuidedRider:
                 self.twist,
                 self.level,
                 self.level_told,
-                guard=self.guard,
+                self.stick,
+                self.guard,
                 signal=self.signal,
                 odom_from_base=self.odom_from_base,
             )

@@ -14,11 +14,12 @@ from waychair.control.behaviours.commands import Move, Signal, SignalKind
 from waychair.control.behaviours.sonar import Obstacle
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.control.haptics.turned_device import IN_A_ROW
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
 from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST, OVERRIDE_BEGINS
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
-from waychair.types import GuardReport, HelpLevel, Place, Pose2, Twist
+from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
 
 FORWARD = {7, 4, 1}
 FREE = GuardReport((1.0, 1.0, 1.0, 1.0))
@@ -209,6 +210,18 @@ def test_a_guard_that_ends_is_told_and_the_steps_go_on_without_it(rider: GuidedR
     state = rider.run(100)
     assert state.goal == ""
     assert "you have chosen the guard alone" in state.reason
+
+
+def test_a_rider_who_pulls_back_whenever_ahead_is_asked_for_is_told_that_the_glove_sits_the_wrong_way_round(
+    rider: GuidedRider,
+) -> None:
+    rider.guide.lead(DESK)
+    rider.stick, rider.guard = JoystickInput(0, -0.25, 0.0), FREE
+    state = rider.run(12_000)
+    assert state.goal == ""
+    assert state.text.startswith("You are no longer led: ahead and back were answered as each other")
+    assert "put it on anew" in state.text
+    assert rider.said().count("forward") == IN_A_ROW
 
 
 def test_a_goal_that_no_steps_lead_to_is_told_with_its_reason(rider: GuidedRider) -> None:
