@@ -281,7 +281,7 @@ class _Tick:
     def _shuffle(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """The chair cannot turn on: a little back, and if that is not free either new steps are wanted."""
         if state.shuffles >= MOST_TRIES:
-            return self._quiet("neither the turn nor the way back is free", state, astray=True)
+            return self._quiet("the turn is blocked", state, astray=True)
         state = replace(state, shuffles=state.shuffles + 1)
         along, _, _ = on_leg(self._leg(state), self.now.pose)
         return self._back(replace(state, phase=LeadingPhase.BACK, back_until=along - SHUFFLE, still_ns=None))
@@ -486,7 +486,7 @@ class _Tick:
     def _retry(self, state: GuideState, why: str) -> tuple[GuideWord, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
-        if state.tries >= MOST_TRIES:
+        if state.tries >= (OPEN_TRIES if step.door is None else MOST_TRIES):
             return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
         along, _, _ = on_leg(step, self.now.pose)
         until = along - BACK_FROM_THINGS

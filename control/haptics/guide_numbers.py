@@ -81,8 +81,8 @@ SHUFFLE = 0.3
 """m; way straight back or ahead when the chair cannot turn on."""
 
 MOST_TRIES, OPEN_TRIES = 12, 2
-"""Tries at one door, and shuffles at one turn, before the guide asks for other steps; and the same on a leg without a door, where other
-ways are likely, and where somebody may have walked on by the second."""
+"""Tries at one door, and shuffles at one turn, before the guide asks for other steps; and tries where other ways are likely, on a leg
+without a door: two, because somebody in the way may have walked on by the second."""
 
 ASTRAY, ASTRAY_AT_GOAL = 0.5, 0.35
 """m; farther beside a leg, or beside the one to the goal, new steps are wanted."""

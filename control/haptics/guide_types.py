@@ -117,8 +117,9 @@ class GuideInputs:
 class StickHold:
     """How the rider's stick is best held while the rider is led, in shares of the swing.
 
-    `front`, `rear`: it passes ahead and back up to this. `left`, `right`: a smaller turn to that side is not passed on, because it leads off the
-    heading that was asked for: the drift of a hand that does not see where straight ahead is, or a turn that has come far enough.
+    `front`, `rear`: it passes ahead and back up to this. `left`, `right`: a smaller turn to that side is not passed on, because it
+    leads off the heading that was asked for: the drift of a hand that does not see where straight ahead is, or a turn that has come
+    far enough.
     """
 
     front: float = 1.0

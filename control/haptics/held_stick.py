@@ -54,7 +54,7 @@ def stick_hold(
 
 
 def _asked(state: GuideState, now: GuideInputs, obeyed: bool) -> tuple[float, float]:
-    """Return the caps ahead and back: none for what was asked for, and until a symbol is `obeyed` none for what was asked for before."""
+    """Return the caps ahead and back: 1 where driving so was asked for, and until a symbol is `obeyed` what is still done, else 0."""
     if state.phase is LeadingPhase.DONE:
         return 1.0, 1.0
     ahead = state.phase is LeadingPhase.GO or (not obeyed and now.twist.v > STILL_V)

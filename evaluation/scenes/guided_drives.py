@@ -32,7 +32,7 @@ NEAR_MISS = 0.10
 NEAR_SPEED = 0.15
 """m/s"""
 
-FREE_M, OBEYED_S = 0.1, 1.0
+FREE_M, TAKES_EFFECT_S = 0.1, 1.0
 """m; a driver who is told to drive ahead or back has so much room there, else it was wrong to say so. s from a symbol until it is
 obeyed: one that ends a turn is said ahead, for the heading that the chair has then."""
 
@@ -201,12 +201,14 @@ def _near_misses(simulator: RecordingSimulator, began_ns: int) -> int:
 
 
 def wrongly_free(record: GuidedRecord, setup: GuidedSetup) -> int:
-    """Return how many symbols told the driver to go ahead or back where the world has less than `FREE_M` of room `OBEYED_S` later."""
+    """Return how many symbols told the driver to go ahead or back where the world has less than `FREE_M` of room `TAKES_EFFECT_S` later."""
     ways = {Symbol.FORWARD.value: FREE_M, Symbol.BACK.value: -FREE_M}
     solid, wrong = solid_from_blocks(setup.world.blocks), 0
     for told in record.told:
         if told.symbol in ways:
-            row = min(int(np.searchsorted(record.times_s, told.stamp_ns * 1e-9 + OBEYED_S)), len(record.truth) - 1)
+            row = min(
+                int(np.searchsorted(record.times_s, told.stamp_ns * 1e-9 + TAKES_EFFECT_S)), len(record.truth) - 1
+            )
             pose = Pose2(*record.truth[row].tolist())
             wrong += in_contact(solid, setup.body, pose @ Pose2(ways[told.symbol]))
     return wrong

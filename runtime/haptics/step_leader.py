@@ -137,7 +137,8 @@ class StepLeader:
             and self._vain.may_ask(now.now_ns)
         ):
             self._ask_anew(guidance.reason, now)
-        return guidance
+        # who waits may back away from what is in the way
+        return replace(guidance, hold=replace(guidance.hold, rear=1.0)) if self.waits else guidance
 
     @property
     def _guide(self) -> StepGuide:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.runtime.haptics.guided_rider import DESK, START, room
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guide_types import GuideInputs
+from waychair.control.haptics.guide_types import GuideInputs, GuideWord
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.patterns import vocabulary
 from waychair.planning.grid.costmap import Costmap, LiveCostmap
@@ -38,11 +38,13 @@ class Leading:
         self.asked += 1
         return _ground(shut=self.shut)
 
-    def run(self, pose: Pose2, seconds: float) -> None:
-        """Let a rider stand at a pose for a time."""
+    def run(self, pose: Pose2, seconds: float) -> GuideWord | None:
+        """Let a rider stand at a pose for a time; return the last guidance."""
+        word = None
         for _ in range(max(1, round(seconds / 0.05))):
             self.now_ns += 50_000_000
-            self.leader.step(GuideInputs(self.now_ns, pose, Twist()))
+            word = self.leader.step(GuideInputs(self.now_ns, pose, Twist()))
+        return word
 
 
 def test_a_rider_waits_with_the_reason_and_goes_on_once_the_way_is_free_again() -> None:
@@ -81,10 +83,15 @@ def test_a_rider_who_waits_gets_steps_from_wherever_they_begin_again() -> None:
     leading = Leading()
     leading.shut = True
     leading.run(ASIDE, 3.0)
+    word = leading.run(START, 1.0)  # back on the old way, where the guide itself wants nothing else
     assert leading.leader.waits
+    assert word is not None
+    assert word.hold.rear == 1.0  # who waits may back away from what is in the way
     leading.shut = False
-    leading.run(START, 2.5)  # back on the old way, where the guide itself wants nothing else
+    word = leading.run(START, 2.5)
     assert leading.leader.waits == ""
+    assert word is not None
+    assert word.hold.rear == 0.0
 
 
 def test_a_rider_to_whom_nothing_leads_on_is_told_so_in_the_end() -> None:
