@@ -110,6 +110,7 @@ class StepLeader:
     def look_again(self) -> None:
         """Forget the plan: after a silence, or on another map, the steps begin from where the chair is."""
         self._plan = self._planning = None
+        self._vain = _Vain()
 
     def step(self, now: GuideInputs) -> GuideWord | None:
         """Return the guidance of a tick; None while there is no goal or no plan yet."""
@@ -222,7 +223,8 @@ class StepLeader:
         """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
         planner, mapped, work = self._planned.planner, self._planned.mapped, self._planned.ground()
-        on_map = mapped() if self._plan is None and mapped is not None else None
+        # that there are steps on the map alone is asked once: a rider who waits for them knows it
+        on_map = mapped() if self._plan is None and mapped is not None and not self.waits else None
 
         def plan() -> StepPlan:
             costmap = work()
@@ -252,7 +254,7 @@ class StepLeader:
         except PlanningError as error:
             vain, why = self._vain, str(error)
             self._vain = replace(vain, why=why, since_ns=vain.since_ns if vain.why else now_ns)
-            never = self._plan is None and not isinstance(error, _BarredNow)
+            never = self._plan is None and not isinstance(error, _BarredNow) and not vain.why
             if never or now_ns - self._vain.since_ns >= REFUSED_NS:
                 self.end(why)
             elif self._plan is not None:  # no steps lead on from here; the old ones may, from a little elsewhere

@@ -255,6 +255,21 @@ def test_a_driver_held_by_something_on_an_open_leg_is_not_told_to_push_on_and_ge
     assert 0.1 < back_m < 0.5
 
 
+def test_a_driver_held_ahead_and_behind_on_an_open_leg_gets_new_steps_after_two_tries() -> None:
+    plan, guide, state = open_leg(4.0), StepGuide(CHAIR_A, RiderModel(), DURATIONS), GuideState()
+    asked = list[Symbol]()
+    for tick in range(1, 1000):
+        stick = (-0.2, 0.0) if asked[-1:] == [Symbol.BACK] else (0.25, 0.0)
+        inputs = GuideInputs.under((0.0, 0.0, 1.0, 1.0), *stick, tick * 50_000_000, Pose2(1.0), Twist())
+        word, state = guide.step(plan, state, inputs)
+        asked += [] if word.advice is None else [word.advice.symbol]
+        if word.astray:
+            break
+    assert word.astray
+    assert tick * TICK_S < 35.0
+    assert asked == [Symbol.FORWARD, *[Symbol.BACK, Symbol.FORWARD] * OPEN_TRIES]
+
+
 def _held_ahead_until(plan: StepPlan, driven_m: float) -> float:
     """Return the time [s] after which a driver whom the guard holds from a place on is sent back; inf if never."""
     guide, driver, state = (

@@ -31,12 +31,17 @@ class Leading:
 
     def __init__(self, *, shut: bool = False, mapped_shut: bool = False) -> None:
         self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), shut, 0, 0
-        self.leader.lead(DESK, lambda: self._costmap, mapped=lambda: lambda: _ground(shut=mapped_shut))
+        self.asked_map, self._mapped_shut = 0, mapped_shut
+        self.leader.lead(DESK, lambda: self._costmap, mapped=lambda: self._map_alone)
         self.run(START, 0.1)
 
     def _costmap(self) -> Costmap:
         self.asked += 1
         return _ground(shut=self.shut)
+
+    def _map_alone(self) -> Costmap:
+        self.asked_map += 1
+        return _ground(shut=self._mapped_shut)
 
     def run(self, pose: Pose2, seconds: float) -> GuideWord | None:
         """Let a rider stand at a pose for a time; return the last guidance."""
@@ -69,6 +74,7 @@ def test_somebody_in_the_way_at_the_beginning_is_waited_for_and_a_wall_of_the_ma
     assert "no path" in leading.leader.waits
     assert (leading.leader.goal, leading.leader.plan) == (DESK, None)
     assert 3 <= leading.asked <= 8
+    assert leading.asked_map == 1
     leading.shut = False
     leading.run(START, 2.5)
     assert (leading.leader.waits, leading.leader.plan is None) == ("", False)
