@@ -50,12 +50,16 @@ class OppositeAnswers:
         """How the device may sit; empty while nothing is amiss."""
         return turned_words(self.along >= IN_A_ROW, self.round >= IN_A_ROW)
 
-    def said(self, symbol: Symbol, now_ns: int, lead_s: float) -> OppositeAnswers:
-        """Note a symbol that the rider obeys after `lead_s` [s]. Its answer is waited for until another held motion is asked for."""
+    def said(self, symbol: Symbol, stick: JoystickInput | None, now_ns: int, lead_s: float) -> OppositeAnswers:
+        """Note a symbol that the rider obeys after `lead_s` [s]. Its answer is waited for until another held motion is asked for.
+
+        A hand that does the opposite already gives no answer by going on with it: it may have missed the symbol.
+        """
         held = symbol in _ALONG or symbol in _ROUND
         if not held or (self.waits is not None and self.waits[0] is symbol):
             return self
-        return replace(self, waits=(symbol, now_ns + round((lead_s + ANSWERED_S) * 1e9)))
+        is_fresh = stick is not None and _push(stick, symbol) > -PUSHED
+        return replace(self, waits=(symbol, now_ns + round((lead_s + ANSWERED_S) * 1e9)) if is_fresh else None)
 
     def after(self, stick: JoystickInput | None, now_ns: int) -> OppositeAnswers:
         """Return the answers after a tick with the stick so; None: nobody tells its position."""

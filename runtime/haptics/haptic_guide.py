@@ -289,7 +289,8 @@ class HapticGuide:
         """Lead no longer where the rider does the opposite again and again: the device sits the wrong way round."""
         answers = self._answers.after(now.stick, now.now_ns)
         if told.said is not None and not told.unfelt:
-            answers = answers.said(told.said.symbol, now.now_ns, self.leader.lead_s(told.said.symbol))
+            symbol = told.said.symbol
+            answers = answers.said(symbol, now.stick, now.now_ns, self.leader.lead_s(symbol))
         if answers.words:
             self.leader.end(answers.words)
             answers = OppositeAnswers()

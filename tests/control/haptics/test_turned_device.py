@@ -28,7 +28,7 @@ def answered(symbols: list[Symbol], done: list[Symbol]) -> OppositeAnswers:
     """Say each symbol to a stick at rest, and answer it after 0.9 s by what `done` says."""
     answers, now_ns = OppositeAnswers(), 0
     for symbol, does in zip(symbols, done, strict=True):
-        answers = answers.said(symbol, now_ns, LEAD_S)
+        answers = answers.said(symbol, JoystickInput(now_ns), now_ns, LEAD_S)
         for tick in range(40):
             forward, turn = PUSHES[does] if tick >= 18 else (0.0, 0.0)
             answers = answers.after(JoystickInput(now_ns, forward, turn), now_ns)
@@ -64,13 +64,23 @@ def test_a_rider_who_mixes_up_a_third_of_all_symbols_is_hardly_ever_taken_for_on
 
 
 def test_a_symbol_is_judged_on_its_own_axis_once_it_should_be_obeyed() -> None:
-    answers = OppositeAnswers().said(Symbol.FORWARD, 0, LEAD_S)
+    turning = JoystickInput(0, 0.0, -0.23)
+    answers = OppositeAnswers().said(Symbol.FORWARD, turning, 0, LEAD_S)
     assert answers.after(JoystickInput(0, -0.26, -0.23), 1_000_000_000) is answers
     assert answers.after(JoystickInput(0, 0.26, -0.23), 2_000_000_000) == OppositeAnswers()
     assert answers.after(JoystickInput(0, -0.26, -0.23), 2_000_000_000) == OppositeAnswers(along=1)
-    assert answers.said(Symbol.SWIVEL_LEFT, 500_000_000, LEAD_S).waits == (Symbol.SWIVEL_LEFT, 1_800_000_000)
-    assert answers.said(Symbol.NUDGE_LEFT, 500_000_000, LEAD_S) is answers
+    assert answers.said(Symbol.SWIVEL_RIGHT, turning, 500_000_000, LEAD_S).waits == (Symbol.SWIVEL_RIGHT, 1_800_000_000)
+    assert answers.said(Symbol.NUDGE_LEFT, turning, 500_000_000, LEAD_S) is answers
+
+
+def test_a_hand_that_goes_on_with_the_opposite_may_have_missed_the_symbol_and_gives_no_answer() -> None:
+    pulls, answers = JoystickInput(0, -0.26, 0.0), OppositeAnswers()
+    for second in range(0, 20, 2):
+        answers = answers.said(Symbol.FORWARD, pulls, second * 10**9, LEAD_S).after(pulls, (second + 2) * 10**9)
+    assert answers == OppositeAnswers()
 
 
 def test_a_stick_that_nobody_tells_of_is_no_answer() -> None:
-    assert OppositeAnswers(3).said(Symbol.FORWARD, 0, LEAD_S).after(None, 2_000_000_000) == OppositeAnswers(3)
+    waits = OppositeAnswers(3).said(Symbol.FORWARD, JoystickInput(0), 0, LEAD_S)
+    assert waits.after(None, 2_000_000_000) == OppositeAnswers(3)
+    assert OppositeAnswers(3).said(Symbol.FORWARD, None, 0, LEAD_S) == OppositeAnswers(3)

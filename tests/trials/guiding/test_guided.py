@@ -46,7 +46,7 @@ def test_a_chair_remembers_its_driver_from_drive_to_drive() -> None:
 
 def test_a_driver_on_whose_hand_the_glove_sits_the_wrong_way_round_is_led_no_longer_and_told_why() -> None:
     scene = door_scene(0.9, 60.0, CHAIR_A, 3)
-    record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, "opposite", seed=3), scene.goal, 30.0)
+    record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, "opposite", seed=3), scene.goal, 60.0)
     assert record.reason.startswith("left and right were answered as each other")
     assert record.contacts == ()
 
