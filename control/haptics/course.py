@@ -6,12 +6,14 @@ import math
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.haptics.guide_numbers import (
+    BESIDE_MIDDLE,
     GATE_OFFSET,
     GATE_TURN,
     HOLDS_S,
     IN_DOOR,
     KEEPS_WAITING_S,
     LEAST_AIM,
+    LEAST_ASKEW,
     LEAST_ERROR,
     LOOK_AHEAD,
     MOST_TOLERANT,
@@ -54,15 +56,23 @@ def veered(veer: float, way: float, front: float = 0.0) -> tuple[float, float]:
 def off_aim(step: Step, there: Pose2, body: ChairBody, veer: float) -> float:
     """Return how far [rad, left positive] the aim of a step lies off the course of a chair at a pose on its leg.
 
-    A door's aim is its middle, and elsewhere a point ahead on the leg. The chair is led against its veer: it comes there in an arc.
+    A door's aim is its middle, or a little beside it where the chair would pass the middle askew, and elsewhere a point ahead on the
+    leg. The chair is led against its veer: it comes there in an arc.
     """
-    target, front = (there.x + LOOK_AHEAD, 0.0), 0.0
-    if step.door is not None and before_wall(step, there.x, body) > -IN_DOOR:
-        at = step.start.inverse() @ step.door.map_from_door
-        target, front = (max(at.x, there.x + LEAST_AIM), at.y), body.front
-    way = target[0] - there.x
-    aside, _ = veered(veer, way, front)
-    return wrap_angle(math.atan2(target[1] - there.y - aside, way) - there.theta)
+    if step.door is None or before_wall(step, there.x, body) <= -IN_DOOR:
+        aside, _ = veered(veer, LOOK_AHEAD)
+        return wrap_angle(math.atan2(-there.y - aside, LOOK_AHEAD) - there.theta)
+    at = step.start.inverse() @ step.door.map_from_door
+    way = max(at.x - there.x, LEAST_AIM)
+    aside, bend = veered(veer, way, body.front)
+    course = math.atan2(at.y - there.y - aside, way)
+    return wrap_angle(course + _straighter(step, course + bend - at.theta, way, body) - there.theta)
+
+
+def _straighter(step: Step, turned: float, way: float, body: ChairBody) -> float:
+    """Return by how much [rad] a chair aims beside a door's middle on `way` [m], because it would pass it `turned` [rad] to its axis."""
+    most = BESIDE_MIDDLE * room_askew(step, turned, body) / way
+    return -math.copysign(min(max(abs(turned) - LEAST_ASKEW, 0.0), most), turned)
 
 
 def course_error(step: Step, now: GuideInputs, body: ChairBody, veer: float) -> float:

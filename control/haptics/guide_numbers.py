@@ -57,6 +57,9 @@ GATE_FROM, GATE_TO = 0.20, 0.02
 GATE_OFFSET, GATE_TURN = 0.75, math.radians(7.0)
 """Share of the room beside the chair as it is turned, and rad to the door's axis: farther off, the chair does not pass the gate."""
 
+LEAST_ASKEW, BESIDE_MIDDLE = math.radians(4.0), 0.4
+"""rad, and share of the room beside the chair: one that would pass a door's middle farther askew aims so far beside it at the most."""
+
 BACK_OFF = 0.85
 """m; distance of the chair's front from the wall from which the next try begins."""
 

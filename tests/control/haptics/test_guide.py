@@ -163,6 +163,24 @@ def test_a_turn_right_round_is_asked_for_again_to_the_side_that_was_said() -> No
         assert set(swivels) == {symbol}
 
 
+@pytest.mark.parametrize(("width", "beside_cm"), [(0.9, (2.0, 5.0)), (0.68, (0.1, 1.8))])
+def test_a_chair_that_would_pass_the_middle_of_a_door_askew_aims_beside_it_as_far_as_the_door_is_wide(
+    width: float, beside_cm: tuple[float, float]
+) -> None:
+    plan, veer = through(DoorPassage(Pose2(3.0, 0.0), width)), -0.12
+    step = next(each for each in plan.steps if each.door is not None)
+    assert step.door is not None
+    at = step.start.inverse() @ step.door.map_from_door
+    there = Pose2(at.x - 1.3, 0.06, 0.0)  # beside the axis, on the side from which the chair veers
+    aimed = off_aim(step, there, CHAIR_A, veer)
+    aside, bend = veered(veer, 1.3, CHAIR_A.front)
+    offset = there.y + 1.3 * math.tan(aimed) + aside
+    to_middle = math.atan2(-there.y - aside, 1.3)
+    assert to_middle + bend < math.radians(-4.0)  # so far askew it would pass the middle
+    assert beside_cm[0] < 100.0 * offset < beside_cm[1]
+    assert aimed > to_middle
+
+
 def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
     door = DoorPassage(Pose2(3.0, 0.0, 0.0), 0.8)
     begin = Pose2(1.6, 0.22, 0.0)  # close before the door and 22 cm beside its axis
