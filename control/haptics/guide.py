@@ -138,8 +138,6 @@ class _Tick:
         guidance, after = self._phase(state)
         since_s, veer = self._since_obeyed(after), self.guide.rider.veer_per_m
         hold = stick_hold(self.plan, after, self.now, self.guide.body, veer, since_s)
-        if guidance.astray or self.now.now_ns < after.quiet_ns:
-            hold = replace(hold, rear=1.0)  # nothing is asked for
         return replace(guidance, hold=hold), after
 
     def _phase(self, state: GuideState) -> tuple[GuideWord, GuideState]:
@@ -392,24 +390,25 @@ class _Tick:
     def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[GuideWord, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
         now, state = self.now, self._watched(state, moves=False)
-        pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < OBEYED_S
+        sent = state.said is Symbol.FORWARD
+        pending = sent and self._since_obeyed(state) < OBEYED_S
         stood = self._stood(state, Symbol.FORWARD)
         askew = abs(error) > STRAIGHT_ENOUGH
         step = self.plan.steps[state.step]
         along, _, _ = on_leg(step, now.pose)
         at_jamb = step.door is not None and not (state.aim and aims_well(step, state.aim, self.guide.body))
         held = now.held_ahead and at_jamb  # elsewhere somebody may walk by
-        if state.said is Symbol.FORWARD and not pending and (held or (now.pushes_ahead and stood > 2.0 * STUCK_S)):
+        if sent and not pending and (held or (now.pushes_ahead and stood > 2.0 * STUCK_S)):
             return self._retry(state, "something is in the way")
         if askew and (stood > STRAIGHTENS_S or (not pending and front_at_door(step, along, self.guide.body))):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)
-        if state.said is Symbol.FORWARD and now.held_ahead:
+        if sent and now.held_ahead:
             return self._quiet("something is in the way", state)  # the driver obeys already
         if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V and not now.held_swivel:
             return self._say(side, f"straighten, {abs(math.degrees(error)):.0f} degrees off", state)
-        if state.said is Symbol.FORWARD or now.held_swivel:  # nudges do nothing to a hand that holds a turn
+        if sent or now.held_swivel:  # nudges do nothing to a hand that holds a turn
             return self._ask_again(Symbol.FORWARD, reason, state)
         return self._say(Symbol.FORWARD, reason, state)
 

@@ -74,6 +74,9 @@ HELD_FROM = math.radians(0.8)
 DRIFT, ALL = 0.2, 1.0
 """Shares of the swing: a hand drifts by less than the first, a larger turn is meant; every turn is smaller than the second."""
 
+PUSHED = 0.1
+"""Share of the swing; a smaller push of the stick makes hardly any motion, and is no answer."""
+
 HOLDS_S = 0.25
 """s from a cap of the stick until the chair turns by it: the board, and the motors' own lag."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from waychair.control.haptics.guide_numbers import PUSHED
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.planning.steps.step import Step
 from waychair.types import Pose2, Twist
@@ -64,7 +65,7 @@ class GuideState:
 
 
 _HELD, _HELD_AT = 0.03, 0.1
-"""Shares of the swing: the stick is pushed so far beyond a cap, and a cap or a push that makes hardly any motion."""
+"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +109,8 @@ class GuideInputs:
             held_turn=held_turn,
             held_swivel=held_turn and abs(turn) > 2.0 * abs(forward),
             holds=True,
-            pushes_ahead=forward > _HELD_AT,
-            pushes_aside=abs(turn) > _HELD_AT,
+            pushes_ahead=forward > PUSHED,
+            pushes_aside=abs(turn) > PUSHED,
         )
 
 

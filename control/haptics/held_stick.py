@@ -54,12 +54,15 @@ def stick_hold(
 
 
 def _asked(state: GuideState, now: GuideInputs, obeyed: bool) -> tuple[float, float]:
-    """Return the caps ahead and back: 1 where driving so was asked for, and until a symbol is `obeyed` what is still done, else 0."""
+    """Return the caps ahead and back: 1 where driving so was asked for, and until a symbol is `obeyed` what is still done, else 0.
+
+    Back is free while the guide is silent before a rider who does not follow.
+    """
     if state.phase is LeadingPhase.DONE:
         return 1.0, 1.0
     ahead = state.phase is LeadingPhase.GO or (not obeyed and now.twist.v > STILL_V)
     back = state.phase is LeadingPhase.BACK or (not obeyed and now.twist.v < -STILL_V)
-    return float(ahead), float(back)
+    return float(ahead), float(back or now.now_ns < state.quiet_ns)
 
 
 def _error(

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from waychair.control.haptics.guide_numbers import PUSHED, SWIVELS
 from waychair.control.haptics.symbols import Symbol
 from waychair.types import JoystickInput
-
-PUSHED = 0.1
-"""Share of the swing; a smaller push is no answer."""
 
 ANSWERED_S = 0.2
 """s beyond the time in which the chair obeys, until the answer is looked at: before the symbol is said again."""
@@ -21,8 +19,13 @@ IN_A_ROW = 4
 """Opposite answers in a row to symbols of one axis. Of a rider who takes 30 % of all symbols for any other of four, so many in a row are
 one in 10,000; one who answers at random is told sooner or later, too."""
 
-_ALONG = {Symbol.FORWARD: 1.0, Symbol.BACK: -1.0}
-_ROUND = {Symbol.SWIVEL_LEFT: 1.0, Symbol.SWIVEL_RIGHT: -1.0}
+_ASKED = {
+    Symbol.FORWARD: (1.0, 0.0),
+    Symbol.BACK: (-1.0, 0.0),
+    Symbol.SWIVEL_LEFT: (0.0, 1.0),
+    Symbol.SWIVEL_RIGHT: (0.0, -1.0),
+}
+"""The push ahead and to the left that each held motion asks for, by its sign."""
 
 
 def turned_words(along: bool, round_: bool) -> str:
@@ -55,8 +58,7 @@ class OppositeAnswers:
 
         A hand that does the opposite already gives no answer by going on with it: it may have missed the symbol.
         """
-        held = symbol in _ALONG or symbol in _ROUND
-        if not held or (self.waits is not None and self.waits[0] is symbol):
+        if symbol not in _ASKED or (self.waits is not None and self.waits[0] is symbol):
             return self
         is_fresh = stick is not None and _push(stick, symbol) > -PUSHED
         return replace(self, waits=(symbol, now_ns + round((lead_s + ANSWERED_S) * 1e9)) if is_fresh else None)
@@ -69,11 +71,12 @@ class OppositeAnswers:
         push = 0.0 if stick is None else _push(stick, symbol)
         if not abs(push) > PUSHED:
             return done
-        if symbol in _ALONG:
-            return replace(done, along=0 if push > 0.0 else self.along + 1)
-        return replace(done, round=0 if push > 0.0 else self.round + 1)
+        if symbol in SWIVELS:
+            return replace(done, round=0 if push > 0.0 else self.round + 1)
+        return replace(done, along=0 if push > 0.0 else self.along + 1)
 
 
 def _push(stick: JoystickInput, symbol: Symbol) -> float:
     """Return the push of the stick towards what a symbol asks for, negative for its opposite."""
-    return stick.forward * _ALONG[symbol] if symbol in _ALONG else stick.turn * _ROUND[symbol]
+    ahead, left = _ASKED[symbol]
+    return stick.forward * ahead + stick.turn * left

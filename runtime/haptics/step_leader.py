@@ -138,12 +138,9 @@ class StepLeader:
             and self._vain.may_ask(now.now_ns)
         ):
             self._ask_anew(guidance.reason, now)
-        # who waits may back away from what is in the way
-        return replace(guidance, hold=replace(guidance.hold, rear=1.0)) if self.waits else guidance
-
-    @property
-    def _guide(self) -> StepGuide:
-        return StepGuide(self._body, self.learner.model, self._durations)
+        if guidance.astray or self.waits:  # nothing is asked for: the rider may back away from what is in the way
+            guidance = replace(guidance, hold=replace(guidance.hold, rear=1.0))
+        return guidance
 
     def lead_s(self, symbol: Symbol) -> float:
         """Return the time [s] from sending a symbol until this rider obeys."""
@@ -201,6 +198,10 @@ class StepLeader:
     def waits(self) -> str:
         """Why the rider waits: other steps are wanted, and there are none now; empty while the steps lead on."""
         return self._vain.why
+
+    @property
+    def _guide(self) -> StepGuide:
+        return StepGuide(self._body, self.learner.model, self._durations)
 
     def _ask_anew(self, why: str, now: GuideInputs) -> None:
         """Ask for steps from here, unless that has led nowhere for too often."""

@@ -79,9 +79,8 @@ def _rows(name: str) -> Iterator[Json]:
     mapper.result()
     keys, known = mapper.keys, dict[int, list[Signature]]()
     queries = list(_queries(keys))
-    pyramids = [
-        SubmapPyramids() for _ in range(0, len(keys), SUBMAP)
-    ]  # of a submap each, since one cache would not hold all
+    # of a submap each, since one cache would not hold all
+    pyramids = [SubmapPyramids() for _ in range(0, len(keys), SUBMAP)]
     scored = [_scores(keys, query, known) for query in queries]
     for order in scored[0]:
         ranks, spent = [], []

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.guide import StepGuide
-from waychair.control.haptics.guide_numbers import (
-    ALL,
-    DRIFT,
-)
+from waychair.control.haptics.guide_numbers import ALL, DRIFT
 from waychair.control.haptics.guide_types import GuideInputs, GuideState, GuideWord, StickHold
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
@@ -63,7 +60,8 @@ class PlainDriver:
         passes_all = hold.left if turn > 0.0 else hold.right
         swivels = self._held.v == 0.0
         stopped = passes_all >= ALL or (passes_all >= DRIFT and not swivels and turn == self._held.omega)
-        self.twist = Twist(self._held.v * min(1.0, hold.front / PUSHED), 0.0 if stopped else turn)
+        cap = hold.front if self._held.v > 0.0 else hold.rear
+        self.twist = Twist(self._held.v * min(1.0, cap / PUSHED), 0.0 if stopped else turn)
         self.pose = self.pose @ Pose2(self.twist.v * TICK_S, 0.0, self.twist.omega * TICK_S)
 
 

@@ -8,22 +8,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.control.haptics.plain_driver import (
-    DURATIONS,
-    TICK_S,
-    PlainDriver,
-    corner,
-    driven,
-    open_leg,
-    through,
-)
+from tests.control.haptics.plain_driver import DURATIONS, TICK_S, PlainDriver, corner, driven, open_leg, through
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.course import off_aim, veered
 from waychair.control.haptics.guide import StepGuide
-from waychair.control.haptics.guide_numbers import (
-    GAP_S,
-    LOOK_AHEAD,
-)
+from waychair.control.haptics.guide_numbers import GAP_S, LOOK_AHEAD
 from waychair.control.haptics.guide_types import GuideInputs, GuideState, LeadingPhase, Nudge
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol

@@ -7,16 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.control.haptics.plain_driver import (
-    DURATIONS,
-    HERE,
-    TICK_S,
-    PlainDriver,
-    corner,
-    driven,
-    open_leg,
-    through,
-)
+from tests.control.haptics.plain_driver import DURATIONS, HERE, TICK_S, PlainDriver, corner, driven, open_leg, through
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.course import before_wall
 from waychair.control.haptics.guide import StepGuide
