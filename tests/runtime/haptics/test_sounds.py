@@ -23,13 +23,14 @@ RECORDER = """#!/bin/sh
 name=$(basename "$0")
 for last; do :; done
 echo "begin $name $(basename "$last")" >> "$LOG"
+[ "$last" = endless ] && exec sleep 600
 sleep 0.05
 echo "end $name $(basename "$last")" >> "$LOG"
 """
 
 
 class Room:
-    """Programs that write down when they begin and end in place of a loudspeaker."""
+    """Programs that write down when they begin and end in place of a loudspeaker; "endless" ends only if it is ended."""
 
     def __init__(
         self, folder: Path, profile: HapticsProfile, programs: tuple[str, ...] = ("espeak-ng", "aplay")
@@ -86,20 +87,20 @@ def test_words_that_wait_are_replaced_by_later_ones(room: Room) -> None:
 
 
 def test_an_interruption_ends_the_words_that_are_spoken(room: Room) -> None:
-    room.sounds.tell("first", None, 0, interrupts=False)
+    room.sounds.tell("endless", None, 0, interrupts=False)
     room.wait(1)
     room.sounds.tell("stop", None, 0, interrupts=True)
-    assert room.wait(3) == ["begin espeak-ng first", "begin espeak-ng stop", "end espeak-ng stop"]
+    assert room.wait(3) == ["begin espeak-ng endless", "begin espeak-ng stop", "end espeak-ng stop"]
 
 
 def test_nothing_is_spoken_for_half_a_second_after_a_warning_that_was_felt(room: Room) -> None:
-    room.sounds.tell("first", None, 0, interrupts=False)
+    room.sounds.tell("endless", None, 0, interrupts=False)
     room.wait(1)
     room.sounds.keep_quiet(100 * MS)
     room.sounds.tell("stop", None, 100 * MS, interrupts=True)
     room.sounds.tick(599 * MS)
     assert not room.sounds.sounding
-    assert room.lines() == ["begin espeak-ng first"]
+    assert room.lines() == ["begin espeak-ng endless"]
     room.sounds.tick(600 * MS)
     assert room.wait(3, 600 * MS)[1:] == ["begin espeak-ng stop", "end espeak-ng stop"]
 
