@@ -281,7 +281,7 @@ class _Tick:
     def _shuffle(self, state: GuideState) -> tuple[GuideWord, GuideState]:
         """The chair cannot turn on: a little back, and if that is not free either new steps are wanted."""
         if state.shuffles >= MOST_TRIES:
-            return self._quiet("the turn is blocked", state, astray=True)
+            return self._quiet("the turn is blocked", state, astray=True, blocked=True)
         state = replace(state, shuffles=state.shuffles + 1)
         along, _, _ = on_leg(self._leg(state), self.now.pose)
         return self._back(replace(state, phase=LeadingPhase.BACK, back_until=along - SHUFFLE, still_ns=None))
@@ -304,11 +304,11 @@ class _Tick:
         held = state.said is Symbol.BACK and self.now.held_back and self._since_obeyed(state) > OBEYED_S
         if not backs and (held or self._stood(state, Symbol.BACK) > STUCK_S):
             if self.plan.steps[state.step].kind is StepKind.PIVOT:
-                return self._quiet("neither the turn nor the way back is free", state, astray=True)
+                return self._quiet("neither the turn nor the way back is free", state, astray=True, blocked=True)
             return self._leave_back(state)
         if left <= max(-v, 0.0) * self.guide.lead(following):
             if state.tries >= OPEN_TRIES and leg.door is None:  # the same leg would end before the same thing
-                return self._quiet("something is in the way", state, astray=True)
+                return self._quiet("something is in the way", state, astray=True, blocked=True)
             return self._leave_back(state)
         reason = f"back, {max(left, 0.0):.1f} m more"
         if state.said is Symbol.BACK or (state.said in NUDGES and backs):
@@ -482,7 +482,7 @@ class _Tick:
         """Back off from a door, or from something in the way, and try again."""
         step = self.plan.steps[state.step]
         if state.tries >= (OPEN_TRIES if step.door is None else MOST_TRIES):
-            return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
+            return self._quiet(f"{why}, after {state.tries} tries", state, astray=True, blocked=True)
         along, _, _ = on_leg(step, self.now.pose)
         until = along - BACK_FROM_THINGS
         if step.door is not None:

@@ -133,7 +133,8 @@ class StickHold:
 class GuideWord:
     """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
 
-    `hold`: how the stick is best held, ahead less near a door, least before a tight one. `astray`: new steps are wanted.
+    `hold`: how the stick is best held, ahead less near a door, least before a tight one. `astray`: new steps are wanted;
+    `blocked`: because something holds the chair.
     `offers_repeat`: the rider seems to have a reason not to follow; the guide is silent for a while, or until asked.
     """
 
@@ -142,5 +143,6 @@ class GuideWord:
     reason: str
     hold: StickHold = StickHold()
     astray: bool = False
+    blocked: bool = False
     offers_repeat: bool = False
     arrived: bool = False

@@ -42,7 +42,8 @@ class GuidedRun:
     """One drive: whether the chair truly arrived, why it ended, times [s], ways [m], and the speeds [m/s] of contacts it caused.
 
     `bumped`: people who walked into the chair. `near_misses`: moments in which a person was nearly hit. `wrongly_free`: symbols that
-    sent the driver on where there was no room. `remembered`: what was learnt of the rider.
+    sent the driver on where there was no room. `announced`: sentences besides the symbols. `remembered`: what was learnt
+    of the rider.
     """
 
     reached: bool
@@ -56,6 +57,7 @@ class GuidedRun:
     wrongly_free: int = 0
     symbols: int = 0
     plans: int = 0
+    announced: tuple[str, ...] = ()
     remembered: RiderValues = field(default_factory=dict)
 
 
@@ -82,7 +84,7 @@ def guided_runs(
         for goal in goals:
             if trial.simulator.now_ns * 1e-9 >= until_s:
                 break
-            found.append(judged_run(trial, setup, partial(trial.drive_to, goal, time_limit_s), _arrived_s))
+            found.append(judged_run(trial, setup, partial(trial.drive_to, goal, time_limit_s)))
     return tuple(found)
 
 
@@ -92,7 +94,7 @@ def unled_run(
     """Let a driver whom nobody leads to a place try until the chair is `there`; raises as `guided_trial`."""
     with guided_trial(setup) as trial:
         trial.chair.want_door(wants_door)
-        return judged_run(trial, setup, lambda: trial.drive_unled(time_limit_s, there), _arrived_s)
+        return judged_run(trial, setup, lambda: trial.drive_unled(time_limit_s, there))
 
 
 def autonomous_run(setup: GuidedSetup, goal: Place, time_limit_s: float) -> GuidedRun:
@@ -161,9 +163,9 @@ def judged_run(
     trial: GuidedTrial,
     setup: GuidedSetup,
     drive: Callable[[], GuidedRecord],
-    done_s: Callable[[GuidedRecord], float | None],
+    done_s: Callable[[GuidedRecord], float | None] = _arrived_s,
 ) -> GuidedRun:
-    """Let a trial drive, and return the run; `done_s` tells after what time [s] its aim was reached, None: never."""
+    """Let a trial drive, and return the run; `done_s` tells after what time [s] its aim was reached, by default the arrival, None: never."""
     simulator, began_ns = trial.simulator, trial.simulator.now_ns
     contacts = simulator.contacts
     record = drive()
@@ -181,6 +183,7 @@ def judged_run(
         wrongly_free=wrongly_free(record, setup),
         symbols=len(record.told),
         plans=record.plans,
+        announced=record.announced,
         remembered=record.remembered,
     )
 

@@ -30,8 +30,6 @@ from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticParts, learnt_words, used_to
 from waychair.types import FloatArray, HelpLevel
 
-LAYOUT = "glove_3x3"
-
 NUDGES = (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT) * 4
 
 SETS_OUT = (Symbol.FORWARD, Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
@@ -63,11 +61,11 @@ class TrueRider:
     nudges: tuple[float, ...]
 
 
-def true_rider(body: ChairBody, driver: str, seed: int) -> TrueRider:
-    """Let a driver on a chair of this seed answer the symbols, and return what it did; raises as `guided_trial`."""
+def true_rider(body: ChairBody, driver: str, seed: int, motors: str = "glove_3x3") -> TrueRider:
+    """Let a driver on a chair of this seed answer the symbols that these motors play, and return what it did; raises as `guided_trial`."""
     world = _room()
     simulator = Simulator(world, body, randomised_settings(seed), seed)
-    layout, words, config = layout_named(LAYOUT), vocabulary(LAYOUT), GloveConfig()
+    layout, words, config = layout_named(motors), vocabulary(motors), GloveConfig(layout=motors)
     model = used_to(driver_named(driver), simulator.settings.plant)
     setup = DriveSetup(world.grid, {}, body, DEFAULT)
     poses: list[tuple[float, float, float, float]] = []

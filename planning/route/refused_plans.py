@@ -56,13 +56,15 @@ _STEPS = 7
 class Obstruction:
     """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place.
 
-    `in_doorway`: it may be gone before long, since people leave doors and open them.
+    `in_doorway`: it may be gone before long, since people leave doors and open them. `spoken`: the sentence for somebody who does
+    not see the map, without coordinates; empty where it is about the map itself.
     """
 
     what: str
     advice: str
     at: tuple[float, float] | None = None
     in_doorway: bool = False
+    spoken: str = ""
 
     @property
     def text(self) -> str:
@@ -188,10 +190,11 @@ def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
     in_doorway = _is_doorway(drawn, x, y)
     where = "in the doorway" if in_doorway else "in the way"
     if _is_slim(group):
-        what = f"{_who(group)} stands {where} at {at}"
-        return Obstruction(what, "wait, or ask for room", (x, y), in_doorway)
+        spoken = f"{_who(group)} stands {where}"
+        return Obstruction(f"{spoken} at {at}", "wait, or ask for room", (x, y), in_doorway, spoken)
     what = f"the door is shut at {at}, or something stands in it" if in_doorway else f"the way is shut at {at}"
-    return Obstruction(what, "wait, or have it opened", (x, y), in_doorway)
+    spoken = "the door is shut, or something stands in it" if in_doorway else "the way is shut"
+    return Obstruction(what, "wait, or have it opened", (x, y), in_doorway, spoken)
 
 
 def _is_doorway(drawn: DrawnMap, x: float, y: float) -> bool:

@@ -27,7 +27,7 @@ from waychair.runtime.haptics.leading_warm_up import warm_up
 from waychair.runtime.haptics.live_ground import LiveGround
 from waychair.runtime.haptics.seen_ground import SeenGround
 from waychair.runtime.haptics.session_log import SessionCounter
-from waychair.runtime.haptics.step_leader import StepLeader
+from waychair.runtime.haptics.step_leader import LedGround, StepLeader
 from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, ToldAdvice
 from waychair.runtime.haptics.where import where_words
 from waychair.types import FloatArray, HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
@@ -46,6 +46,9 @@ OVERRIDE_WARNING = "held on, the push makes the chair creep against the guard"
 
 OVERRIDE_BEGINS = "The chair creeps against the guard, for ten seconds at most, while you hold the joystick."
 """The sentence with which an override by a long push begins."""
+
+OTHER_STEPS = "other steps lead on."
+"""The end of the sentence with which a rider whom something held is led on by other steps."""
 
 BEGUN_ANEW = "the odometry has begun anew: choose the door again"
 
@@ -134,19 +137,19 @@ class HapticGuide:
         self.state = HapticState(0)
         self._cells = CellMemory()
         self._asked = _Asked()
-        self._level_told, self._waits, self._creeps = "", False, False
+        self._level_told, self._waits, self._led_on, self._creeps = "", False, "", False
         self._answers = OppositeAnswers()
 
     def lead(self, goal: Place) -> None:
         """Lead the rider to a place of the map from now on."""
         self._unmapped = None
-        self.leader.lead(goal, self._mapped.ask, mapped=self._mapped.ask_mapped)
+        self.leader.lead(goal, LedGround(self._mapped.ask, self._mapped.ask_mapped, self._mapped.ask_why))
         self._begun(goal)
 
     def lead_by_odometry(self, goal: Place) -> None:
         """Lead the rider to a place in odom from now on, over the ground that the lidar shows: no map is used."""
         unmapped = self._unmapped = _ByOdometry(SeenGround(self._body))
-        self.leader.lead(goal, lambda: unmapped.ground.ask(goal.pose), grows=True)
+        self.leader.lead(goal, LedGround(lambda: unmapped.ground.ask(goal.pose), grows=True))
         self._begun(goal)
 
     def _begun(self, goal: Place) -> None:
@@ -311,6 +314,9 @@ class HapticGuide:
         waited, self._waits = self._waits, bool(self.leader.waits)
         if self._waits and not waited:
             return f"Wait: {self.leader.waits}."
+        led_on, self._led_on = self._led_on, self.leader.led_on
+        if self._led_on and not led_on:
+            return f"{self._led_on[0].upper()}{self._led_on[1:]}: {OTHER_STEPS}"
         if guidance is not None and guidance.offers_repeat:
             return f"{REPEAT_OFFER[0].upper()}{REPEAT_OFFER[1:]}."
         if self._asked.again and again is None:

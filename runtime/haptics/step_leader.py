@@ -12,7 +12,7 @@ from waychair.control.haptics.guide_numbers import NUDGES, VALID_NS
 from waychair.control.haptics.guide_types import GuideInputs, GuideState, GuideWord, LeadingPhase
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
-from waychair.errors import PlanningError
+from waychair.errors import NoPath, PlanningError
 from waychair.geometry import wrap_angle
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.steps.clear_ground import ClearGround
@@ -35,25 +35,52 @@ LOOK_NS = 1_000_000_000
 """ns between two looks at the steps on ground that grows."""
 
 
-class _BarredNow(PlanningError):
-    """There are no steps now, and there would be on the map alone: somebody or something stands in the way."""
+AskWhy = Callable[[], Callable[[PlanningError, Pose2, Pose2], str]]
+"""Returns the work of finding, for an error of a plan from a start to a goal, the true cause in words, for any one thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class LedGround:
+    """The ground to lead over: as it is `now`, the same by the map alone (`mapped`), and the true cause if no steps lead there.
+
+    One that `grows` with what is seen has the steps looked at again as they go on.
+    """
+
+    now: AskGround
+    mapped: AskGround | None = None
+    why: AskWhy | None = None
+    grows: bool = False
+
+
+class _Refused(PlanningError):
+    """There are no steps now. `barred`: there is no way at all, wherever the chair turns; `mapped`: there is one on the map alone."""
+
+    def __init__(self, why: str, *, barred: bool, mapped: bool) -> None:
+        super().__init__(why)
+        self.barred, self.mapped = barred, mapped
 
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """The way to the goal: its planner, its ground as it is now, and the same by the map alone if there is one."""
+    """The way to the goal: its planner, and its ground."""
 
     planner: StepPlanner
-    ground: AskGround
-    mapped: AskGround | None
+    ground: LedGround
 
 
 @dataclass(frozen=True, slots=True)
 class _Vain:
-    """Plans in a row without a step that was done; why there are no other steps, since when, and when they were asked for last."""
+    """Plans in a row without a step that was done; why there are no other steps, since when, and when they were asked for last.
+
+    `barred`: no way at all leads on. `blocked`: why other steps are wanted, if something holds the chair; `led_on`: the same, once
+    there are some.
+    """
 
     plans: int = 0
     why: str = ""
+    barred: bool = False
+    blocked: str = ""
+    led_on: str = ""
     since_ns: int = 0
     asked_ns: int = -ASKED_NS
 
@@ -86,17 +113,16 @@ class StepLeader:
         self._planning: Future[StepPlan] | None = None
         self._memory = self._before = GuideState()
         self._vain = _Vain()
-        self._grows, self._looked_ns = False, 0
+        self._looked_ns = 0
 
-    def lead(self, goal: Place, ground: AskGround, *, grows: bool = False, mapped: AskGround | None = None) -> None:
+    def lead(self, goal: Place, ground: LedGround) -> None:
         """Lead to a place from now on, over the ground that is asked for at each plan, in the frame of the place and of the poses.
 
-        Where the ground `grows` with what is seen, the steps are looked at again as they go on. A plan under way for another
-        place is dropped. Where there are no steps at first but some on the `mapped` ground alone, the rider waits for them.
+        A plan under way for another place is dropped. Where there are no steps at first but some on the map alone, the rider waits
+        for them.
         """
-        self._grows = grows
         self.goal, self.reason, self.arrived = goal, "", False
-        self._planned = _Way(StepPlanner(Goal(goal.pose), goal.pose), ground, mapped)
+        self._planned = _Way(StepPlanner(Goal(goal.pose), goal.pose), ground)
         self._plan = self._planning = None
         self._memory = self._before = GuideState(number=self._memory.number)
         self._vain = _Vain()
@@ -115,20 +141,23 @@ class StepLeader:
     def step(self, now: GuideInputs) -> GuideWord | None:
         """Return the guidance of a tick; None while there is no goal or no plan yet."""
         self.learner.note_motion(now.now_ns, now.twist)
-        if self.goal is None:
+        if self.goal is None or self._planned is None:
             return None
         if self._plan is None and self._planning is None:
             if not self.waits or self._vain.may_ask(now.now_ns):
                 self._vain = replace(self._vain, asked_ns=now.now_ns)
                 self._ask(now.pose)
-        elif self._planning is None and self._grows and now.now_ns - self._looked_ns > LOOK_NS:
+        elif self._planning is None and self._planned.ground.grows and now.now_ns - self._looked_ns > LOOK_NS:
             self._looked_ns = now.now_ns
             self._look(now.pose)
         self._take_plan(now.now_ns)
         if self._plan is None:
             return None
         self._before = self._memory
-        guidance, self._memory = self._guide.step(self._plan, self._memory, now)
+        if self.waits and self._vain.barred:
+            guidance = GuideWord(None, self._plan.steps[max(self._memory.step, 0)], self.waits)
+        else:
+            guidance, self._memory = self._guide.step(self._plan, self._memory, now)
         if guidance.arrived:
             self.end("arrived")
             self.arrived = True
@@ -137,7 +166,7 @@ class StepLeader:
             and self._planning is None
             and self._vain.may_ask(now.now_ns)
         ):
-            self._ask_anew(guidance.reason, now)
+            self._ask_anew(guidance, now)
         if guidance.astray or self.waits:  # nothing is asked for: the rider may back away from what is in the way
             guidance = replace(guidance, hold=replace(guidance.hold, rear=1.0))
         return guidance
@@ -200,16 +229,24 @@ class StepLeader:
         return self._vain.why
 
     @property
+    def led_on(self) -> str:
+        """What held the chair before the present steps were made; empty where nothing did."""
+        return self._vain.led_on
+
+    @property
     def _guide(self) -> StepGuide:
         return StepGuide(self._body, self.learner.model, self._durations)
 
-    def _ask_anew(self, why: str, now: GuideInputs) -> None:
+    def _ask_anew(self, guidance: GuideWord, now: GuideInputs) -> None:
         """Ask for steps from here, unless that has led nowhere for too often."""
         vain = self._vain  # a wish that was refused made no plan
         again = vain.plans if vain.why else 0 if self._memory.step > 0 else vain.plans + 1
-        self._vain = replace(vain, plans=again, asked_ns=now.now_ns)
+        blocked = guidance.reason if guidance.blocked else vain.blocked if vain.why else ""
+        self._vain = replace(vain, plans=again, asked_ns=now.now_ns, blocked=blocked, led_on="")
         if again > REPLANS:
-            self.end(f"{why}: the steps do not lead on from here; choose the place again, or let the chair drive")
+            self.end(
+                f"{guidance.reason}: the steps do not lead on from here; choose the place again, or let the chair drive"
+            )
             return
         self._ask(now.pose)
 
@@ -223,19 +260,20 @@ class StepLeader:
     def _ask(self, pose: Pose2, or_else: Callable[[Costmap], StepPlan | None] = lambda _: None) -> None:
         """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
-        planner, mapped, work = self._planned.planner, self._planned.mapped, self._planned.ground()
-        # that there are steps on the map alone is asked once: a rider who waits for them knows it
-        on_map = mapped() if self._plan is None and mapped is not None and not self.waits else None
+        planner, ground, work = self._planned.planner, self._planned.ground, self._planned.ground.now()
+        # asked once: a rider who waits knows the cause, and that there are steps on the map alone
+        on_map = ground.mapped() if self._plan is None and ground.mapped is not None and not self.waits else None
+        find_why = ground.why() if ground.why is not None and not self.waits else None
 
         def plan() -> StepPlan:
             costmap = work()
             try:
                 return or_else(costmap) or planner.replan(costmap, pose)
             except PlanningError as error:
-                if on_map is None:
-                    raise
-                StepPlanner(planner.goal, planner.pose).replan(on_map(), pose)
-                raise _BarredNow(str(error)) from error
+                if on_map is not None:
+                    StepPlanner(planner.goal, planner.pose).replan(on_map(), pose)
+                why = self.waits or str(error) if find_why is None else find_why(error, pose, planner.pose)
+                raise _Refused(why, barred=isinstance(error, NoPath), mapped=on_map is not None) from error
 
         if self._worker is not None:
             self._planning = self._worker.submit(plan)
@@ -254,15 +292,17 @@ class StepLeader:
             plan = planning.result()
         except PlanningError as error:
             vain, why = self._vain, str(error)
-            self._vain = replace(vain, why=why, since_ns=vain.since_ns if vain.why else now_ns)
-            never = self._plan is None and not isinstance(error, _BarredNow) and not vain.why
+            barred, mapped = (error.barred, error.mapped) if isinstance(error, _Refused) else (False, False)
+            self._vain = replace(vain, why=why, barred=barred, since_ns=vain.since_ns if vain.why else now_ns)
+            never = self._plan is None and not mapped and not vain.why
             if never or now_ns - self._vain.since_ns >= REFUSED_NS:
                 self.end(why)
             elif self._plan is not None:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
-        self._vain = replace(self._vain, why="")
+        self._vain = replace(self._vain, why="", barred=False)
         if plan is self._plan:
             return  # it was looked at, and is good still
+        self._vain = replace(self._vain, blocked="", led_on=self._vain.blocked)
         memory, self._plan = self._memory, plan
         self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import refused, waychair
+from tests.halls import mapped_hall
 
 
 def test_a_guided_drive_that_ends_early_is_told_in_one_sentence_and_its_report_is_kept(tmp_path: Path) -> None:
@@ -18,6 +19,32 @@ def test_a_guided_drive_that_ends_early_is_told_in_one_sentence_and_its_report_i
     assert (report["goal"], report["reached"], report["contacts"], report["seconds"]) == ("kitchen", False, [], 6.0)
     assert report["path"][0][0] < report["path"][-1][0] <= 9.0
     assert {row.split(",")[1] for row in (tmp_path / "symbols.csv").read_text().splitlines()[1:]} == {"said", "felt"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "moves", "told"),
+    [(("--rider", "stick"), True, False), (("--level", "inform"), True, True), (("--level", "guard"), False, False)],
+)
+def test_riders_and_levels_differ_in_what_is_told(
+    arguments: tuple[str, ...], moves: bool, told: bool, tmp_path: Path
+) -> None:
+    waychair("guide", "--world", "apartment", "--goal", "kitchen", "--minutes", "0.1", "--out", tmp_path, *arguments)
+    report = json.loads((tmp_path / "guided.json").read_text())
+    assert (report["distance_m"] > 0.2, report["symbols"] > 0) == (moves, told)
+    ahead = max(row[5] for row in report["caps_and_stick"])
+    assert (ahead > 0.1) == moves
+
+
+def test_a_blind_rider_is_led_along_a_route_of_the_simulator(tmp_path: Path) -> None:
+    plan = tmp_path / "hall.yaml"
+    plan.write_text(mapped_hall("  window: [6.0, 3.6, 0.0]\n", routes="  short: [[3.0, 3.0]]\n"), encoding="utf-8")
+    done = waychair("simulate", "--world", plan, "--route", "short", "--rider", "blind", "--no-people")
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.partition(" m in ")[0]) > 0.5
+    assert "no contacts" in done.stdout
+    assert "no simulated driver 'me'" in refused(
+        waychair("simulate", "--world", plan, "--route", "short", "--rider", "blind", "--driver", "me")
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
 
 from tests.firmware_bridge.rig import (
@@ -29,6 +30,7 @@ from tests.firmware_bridge.rig import (
     MISMATCH,
     NEUTRAL,
     NEW_HOST,
+    PUSHES,
     RANGE,
     REFERENCE,
     RESET,
@@ -316,3 +318,47 @@ def test_a_cut_after_a_lost_guard_stays_until_a_reset(rig: Rig) -> None:
     rig.command(flags=0)
     rig.command(flags=RESET)
     assert (rig.out.state, rig.out.holder) == (SILENT, JOYSTICK)
+
+
+def test_a_noisy_stick_passes_no_cap_at_any_moment(rig: Rig) -> None:
+    caps, noise = (10000, 2000, 5000, 0), random.Random(0)
+    rig.guard(caps)
+    most = {(axis, sign): caps[to] * SWING // 10000 for to, axis, sign in PUSHES}
+    for tick in range(4000):
+        rig.stick = [NEUTRAL + noise.randint(-700, 700), NEUTRAL + noise.randint(-700, 700)]
+        if tick % 20 == 0:
+            rig.limit(caps)
+        else:
+            rig.step()
+        for axis, line in enumerate(deflections(rig)):
+            pushed = rig.stick[axis] - NEUTRAL
+            assert line * pushed >= 0
+            assert abs(line) <= min(abs(pushed), most[axis, 1 if pushed > 0 else -1])
+    assert (rig.out.state, rig.out.faults) == (GUARD, 0)
+
+
+def test_a_stick_that_is_stuck_creeps_once_and_is_never_free_again_without_its_computer(rig: Rig) -> None:
+    rig.guard(BLOCKED)
+    push(rig, 0, SWING)
+    moved = [rig.limited(100, BLOCKED) and deflections(rig)[0] for _ in range(300)]
+    assert 0 < sum(line > 0 for line in moved) <= 105  # the override of ten seconds, once
+    assert moved[-1] == 0
+    rig.idle(60_000)
+    assert (rig.out.state, rig.out.holder) == (FAULT, BOARD)
+    assert deflections(rig) == [0, 0]
+
+
+def test_a_computer_at_half_speed_guards_on_and_a_slower_one_leaves_no_wider_cap(rig: Rig) -> None:
+    caps = (6000, 2000, 5000, 1000)
+    for period_ms, state in ((40, GUARD), (100, FAULT)):
+        rig.start()
+        rig.guard(caps)
+        push(rig, 0, SWING)
+        for tick in range(3000):
+            if tick % period_ms == 0:
+                rig.limit(caps)
+            else:
+                rig.step()
+            assert all(now <= told for now, told in zip(rig.out.caps, caps, strict=True)), period_ms
+            assert deflections(rig)[0] <= 0.6 * SWING, period_ms
+        assert rig.out.state == state, period_ms

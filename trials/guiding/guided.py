@@ -101,19 +101,20 @@ class GuidedRecord:
 
     `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) of the board to the front, the rear, the left and the right, `stick`
     (T, 2) as the driver pushed. `remembered` was learnt of the driver, before and in the drive.
-    `planned_m` is the length of the first steps. `told`, `felt`: symbols.
+    `planned_m` is the length of the first steps. `told`, `felt`: symbols. `announced`: sentences besides the symbols, such as why
+    the rider has to wait.
     """
 
-    goal: str
+    goal: Place
     reached: bool
     reason: str
     seconds: float
-    error_m: float
     contacts: tuple[Contact, ...]
     planned_m: float
     plans: int
     told: tuple[SaidSymbol, ...]
     felt: tuple[Felt, ...]
+    announced: tuple[str, ...]
     times_s: FloatArray
     truth: FloatArray
     caps: FloatArray
@@ -129,6 +130,11 @@ class GuidedRecord:
     def distance_m(self) -> float:
         """Distance driven [m]."""
         return float(np.hypot(*np.diff(self.truth[:, :2], axis=0).T).sum()) if len(self.truth) > 1 else 0.0
+
+    @property
+    def error_m(self) -> float:
+        """Distance [m] from the goal at the end."""
+        return math.hypot(self.truth[-1, 0] - self.goal.pose.x, self.truth[-1, 1] - self.goal.pose.y)
 
 
 def guided_drive(setup: GuidedSetup, goal: Place, time_limit_s: float = 180.0) -> GuidedRecord:
@@ -178,6 +184,7 @@ class GuidedTrial:
         self._lone = LoneDriver(seed=setup.seed) if setup.told is RiderTold.NOTHING else None
         self._count = 0
         self._told: list[SaidSymbol] = []
+        self._announced: list[str] = []
         self._rows: list[tuple[float, ...]] = []
         self._plans: list[StepPlan] = []
 
@@ -235,31 +242,31 @@ class GuidedTrial:
         began_ns, contacts = simulator.now_ns, simulator.contacts
         driver = self._helped.parts.driver
         felt = 0 if driver is None else len(driver.felt)
-        self._rows, self._told, self._plans = [], [], []
+        self._rows, self._told, self._announced, self._plans = [], [], [], []
         arrived, reason = False, ask()
         while not reason and simulator.now_ns - began_ns < time_limit_s * 1e9:
             arrived, reason = self._ended(self._tick())
         if self._guide is not None and self._guide.leader.goal is not None:
             self._guide.end("the drive has ended")
         rows = np.array(self._rows or [self._row()])
-        error_m = math.hypot(rows[-1, 1] - goal.pose.x, rows[-1, 2] - goal.pose.y)
-        return GuidedRecord(
-            goal=goal.name,
-            reached=arrived and (self._there is not None or error_m <= setup.near_m),
+        record = GuidedRecord(
+            goal=goal,
+            reached=arrived,
             reason=reason or "the time limit was reached",
             seconds=(simulator.now_ns - began_ns) * 1e-9,
-            error_m=error_m,
             contacts=tuple(simulator.contact_reports[contacts:]),
             planned_m=self._plans[0].length if self._plans else 0.0,
             plans=len(self._plans),
             told=tuple(self._told),
             felt=() if driver is None else tuple(driver.felt[felt:]),
+            announced=tuple(self._announced),
             times_s=rows[:, 0],
             truth=rows[:, 1:4],
             caps=rows[:, 4:8],
             stick=rows[:, 8:10],
             remembered={} if self._guide is None else self._guide.leader.learner.values(),
         )
+        return replace(record, reached=arrived and (there is not None or record.error_m <= setup.near_m))
 
     def _ask(self, goal: Place) -> str:
         """Ask to be led; a rider who sees looks at the steps once. Return why not; empty if all is well."""
@@ -319,6 +326,8 @@ class GuidedTrial:
         said = state.haptics or HapticState(0)
         if said.count > self._count and said.symbol and not said.unfelt:
             self._told.append(SaidSymbol(state.stamp_ns, said.symbol, said.reason))
+        elif said.count > self._count and not said.symbol:
+            self._announced.append(said.text)
         self._count = said.count
 
     def _row(self) -> tuple[float, ...]:

@@ -13,6 +13,9 @@ from waychair.types import Json
 
 NOTE = "A simulated driver is not a blind driver: this shows faults of the guidance, never that it helps a person."
 
+_EVERY = 10
+"""Ticks between two rows of the report."""
+
 
 def felt_wrongly(record: GuidedRecord) -> int:
     """Return how many of the symbols told were felt as another or not at all; also one that a warning cut short."""
@@ -26,13 +29,17 @@ def felt_wrongly(record: GuidedRecord) -> int:
 
 
 def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
-    """Return the report as plain numbers and words."""
+    """Return the report as plain numbers and words.
+
+    Rows of `path`: s, x, y [m], yaw [rad]; of `caps_and_stick`: s, caps to the front, the rear, the left and the right, and the
+    stick ahead and to the left, in shares of the swing.
+    """
     seconds = max(record.seconds, 1e-9)
     held = (record.caps[:, 0] < record.stick[:, 0]) | (record.caps[:, 1] < -record.stick[:, 0])
     turned = (record.caps[:, 2] < record.stick[:, 1]) | (record.caps[:, 3] < -record.stick[:, 1])
     return {
         "note": NOTE,
-        "goal": record.goal,
+        "goal": record.goal.name,
         "level": setup.level.value,
         "chair": setup.body.chair_id,
         "layout": setup.layout,
@@ -53,12 +60,14 @@ def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
             }
             for each in record.contacts
         ],
+        "announced": list(record.announced),
         "symbols": len(record.told),
         "symbols_per_s": round(len(record.told) / seconds, 3),
         "felt_wrongly": felt_wrongly(record),
         "held_by_caps_s": round(float((held | turned).mean()) * seconds, 1),
         "learnt": {name: round(value, 4) for name, value in record.learnt.figures().items()},
-        "path": np.round(np.column_stack([record.times_s, record.truth])[::10], 3).tolist(),
+        "path": np.round(np.column_stack([record.times_s, record.truth])[::_EVERY], 3).tolist(),
+        "caps_and_stick": np.round(np.column_stack([record.times_s, record.caps, record.stick])[::_EVERY], 3).tolist(),
     }
 
 
@@ -83,7 +92,7 @@ def save_report(record: GuidedRecord, setup: GuidedSetup, folder: Path) -> None:
 def summary(record: GuidedRecord, setup: GuidedSetup) -> str:
     """Return the drive in a few lines of words."""
     values = report(record, setup)
-    ended = f"reached {record.goal}" if record.reached else f"did not reach {record.goal} ({record.reason})"
+    ended = f"reached {record.goal.name}" if record.reached else f"did not reach {record.goal.name} ({record.reason})"
     touch = f"{values['symbols']} symbols, {values['felt_wrongly']} of them felt wrongly"
     way = f"{values['distance_m']:.1f} m for {values['planned_m']:.1f} m planned"
     return (

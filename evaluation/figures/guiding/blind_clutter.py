@@ -1,8 +1,7 @@
-"""Random rooms full of boxes that the map does not have: simulated drivers are led round what the chair's scans show.
+"""Random rooms full of boxes without a map: simulated drivers are led to a beacon by odometry, round what the chair's scans show.
 
-The map holds the four walls only, by which the chair finds its pose; the boxes are seen on the way. Beside it, in the first of the
-rooms: the free space of the source paper by its own signals, which know nothing of a goal. `BLIND_CLUTTER_RUNS=4` takes so many rooms
-instead of 100, `BLIND_CLUTTER_BASELINES=0` leaves out the paper.
+Beside it, in the first of the rooms: the free space of the source paper by its own signals, which know nothing of a goal.
+`BLIND_CLUTTER_RUNS=4` takes so many rooms instead of 100, `BLIND_CLUTTER_BASELINES=0` leaves out the paper.
 """
 
 from __future__ import annotations
@@ -15,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.figures.guiding.blind_unmapped import NO_MAP
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, guided_runs, unled_run
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, judged_run, unled_run
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import PlanningError
 from waychair.maps.grid.distance_field import distance_field
@@ -25,7 +25,7 @@ from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, walls_round
 from waychair.simulation.plan.world import World, world_from_plan
-from waychair.trials.guiding.guided import GuidedSetup, RiderTold
+from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_trial
 from waychair.types import Goal, HelpLevel, Json, Place, Pose2
 
 RUNS = int(os.environ.get("BLIND_CLUTTER_RUNS", "100"))
@@ -62,16 +62,17 @@ def blind_clutter(out: Path) -> Json:
 
 def run_in_clutter(seed: int, told: RiderTold = RiderTold.GUIDED) -> GuidedRun | None:
     """Drive across one room; None where no steps lead across even if all boxes are known."""
-    cluttered, empty, goal = clutter(seed)
+    cluttered, goal = clutter(seed)
     try:
         StepPlanner(Goal(goal.pose), goal.pose).replan(
             LiveCostmap(cluttered.grid, CHAIR_A, ()).costmap(), cluttered.start
         )
     except PlanningError:
         return None
-    setup = GuidedSetup(cluttered, empty.grid, CHAIR_A, seed=seed, told=told)
+    setup = GuidedSetup(cluttered, NO_MAP, CHAIR_A, seed=seed, told=told)
     if told is RiderTold.GUIDED:
-        return guided_runs(setup, [goal], LIMIT_S)[0]
+        with guided_trial(setup) as trial:
+            return judged_run(trial, setup, lambda: trial.drive_by_odometry(goal, LIMIT_S))
 
     def there(pose: Pose2) -> bool:
         return math.hypot(pose.x - goal.pose.x, pose.y - goal.pose.y) <= setup.near_m
@@ -79,8 +80,8 @@ def run_in_clutter(seed: int, told: RiderTold = RiderTold.GUIDED) -> GuidedRun |
     return unled_run(replace(setup, level=HelpLevel.GUARD), there, LIMIT_S)
 
 
-def clutter(seed: int) -> tuple[World, World, Place]:
-    """Return a room with boxes, the same room without them, and a goal across it; the chair fits at start and goal."""
+def clutter(seed: int) -> tuple[World, Place]:
+    """Return a room with boxes and a goal across it; the chair fits at start and goal."""
     rng = np.random.default_rng(seed)
     while True:
         boxes = [_box(rng) for _ in range(BOXES)]
@@ -89,7 +90,7 @@ def clutter(seed: int) -> tuple[World, World, Place]:
         world = _room(boxes, start)
         field = distance_field(world.grid)
         if fits(CHAIR_A, CLEAR, field, start) and fits(CHAIR_A, CLEAR, field, end):
-            return world, _room([], start), Place("beacon", end, 0.5, math.pi)
+            return world, Place("beacon", end, 0.5, math.pi)
 
 
 def _box(rng: np.random.Generator) -> PlanBox:

@@ -28,8 +28,10 @@ SHIFT_S, ERRAND_S = 600.0, 240.0
 """s of a shift, in which no errand begins any more, and of an errand."""
 
 PEOPLE, MOST_ERRANDS = 4, 40
-TYPES = ("default", "older", "second_task", "noisy_hand", "sure_85", "sure_70", "warnings_90", "fast_swivel", "waist")
-"""Drivers of the shifts in turn; the tenth is the default one on a belt."""
+HANDS = ("default", "older", "second_task", "noisy_hand", "sure_85", "sure_70", "warnings_90", "fast_swivel")
+
+TYPES = (*((driver, "glove_3x3") for driver in HANDS), ("waist", "belt_8"), ("default", "bracelets"))
+"""Drivers of the shifts in turn, and the motors that they feel."""
 
 
 def blind_errands(out: Path) -> Json:
@@ -70,7 +72,6 @@ def run_shift(seed: int) -> tuple[GuidedRun, ...]:
     while len(order) <= MOST_ERRANDS:
         order.append(str(rng.choice([name for name in places if name != order[-1]])))
     world = world_with_people(plan, places[order[0]].pose, PEOPLE, seed)
-    turn = seed % (len(TYPES) + 1)
-    driver, layout = (TYPES[turn], "glove_3x3") if turn < len(TYPES) else ("default", "belt_8")
+    driver, layout = TYPES[seed % len(TYPES)]
     setup = GuidedSetup(world, plan.grid, CHAIR_A, driver, layout=layout, seed=seed)
     return guided_runs(setup, [places[name] for name in order[1:]], ERRAND_S, SHIFT_S)

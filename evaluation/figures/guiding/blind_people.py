@@ -40,10 +40,11 @@ LAG_OFF, NUDGE_OFF = 0.08, math.radians(1.0)
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A preset of a driver, what it has to reach, and whether only after learning, or by static points only."""
+    """A preset of a driver, what it has to reach, the motors that it feels, and whether only after learning, or by static points only."""
 
     driver: str
     bars: GuidedBars
+    layout: str = "glove_3x3"
     learns: bool = False
     points: bool = False
 
@@ -61,6 +62,7 @@ PEOPLE = (
     Person("sure_70", GuidedBars(0.97)),
     Person("warnings_90", GuidedBars(0.97)),
     Person("fast_swivel", GuidedBars(0.97)),
+    Person("waist", GuidedBars(0.97), "belt_8"),
     Person("noisy_hand", GuidedBars(0.90), learns=True),
     Person("default", GuidedBars(0.90), points=True),
 )
@@ -81,12 +83,13 @@ def lessons(person: Person, doors: int, seed: int) -> GuidedRun:
 
 
 def _run(person: Person, known: RiderValues | None, seed: int) -> GuidedRun:
-    return run_at_door(DOORS[0], "guide", seed, person.driver, known, words=static_points() if person.points else None)
+    words = static_points() if person.points else None
+    return run_at_door(DOORS[0], "guide", seed, person.driver, known, person.layout, words)
 
 
 def _truth(person: Person, seed: int) -> TrueRider:
     """Return what the driver does on the chair of one of the doors from which was learnt."""
-    return true_rider(DOORS[0].body, person.driver, LESSONS_FROM + seed)
+    return true_rider(DOORS[0].body, person.driver, LESSONS_FROM + seed, person.layout)
 
 
 def _rows(person: Person) -> list[Json]:

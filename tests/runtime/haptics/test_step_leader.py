@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from tests.runtime.haptics.guided_rider import DESK, START, room
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.guide_types import GuideInputs, GuideWord
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.patterns import vocabulary
+from waychair.errors import NoPath
 from waychair.planning.grid.costmap import Costmap, LiveCostmap
-from waychair.runtime.haptics.step_leader import REFUSED_NS, StepLeader
-from waychair.types import Pose2, Twist
+from waychair.planning.steps.step_planner import StepPlanner
+from waychair.runtime.haptics.live_ground import LiveGround
+from waychair.runtime.haptics.step_leader import REFUSED_NS, LedGround, StepLeader
+from waychair.simulation.plan.world import load_world
+from waychair.simulation.simulator import Simulator
+from waychair.types import Goal, Pose2, Scan, Twist
 
 DURATIONS = {symbol: 1e-3 * each.duration_ms for symbol, each in vocabulary("glove_3x3").patterns.items()}
 ASIDE = Pose2(2.0, 2.9, 0.0)
@@ -32,7 +41,7 @@ class Leading:
     def __init__(self, *, shut: bool = False, mapped_shut: bool = False) -> None:
         self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), shut, 0, 0
         self.asked_map, self._mapped_shut = 0, mapped_shut
-        self.leader.lead(DESK, lambda: self._costmap, mapped=lambda: self._map_alone)
+        self.leader.lead(DESK, LedGround(lambda: self._costmap, lambda: self._map_alone))
         self.run(START, 0.1)
 
     def _costmap(self) -> Costmap:
@@ -98,6 +107,43 @@ def test_a_rider_who_waits_gets_steps_from_wherever_they_begin_again() -> None:
     assert leading.leader.waits == ""
     assert word is not None
     assert word.hold.rear == 0.0
+
+
+def test_a_rider_is_asked_nothing_while_no_way_leads_on_and_goes_on_after() -> None:
+    leading = Leading()
+    leading.shut = True
+    leading.run(ASIDE, 3.0)
+    assert "no path" in leading.leader.waits
+    words = [leading.run(ASIDE, 0.05) for _ in range(200)]
+    assert {word and word.advice for word in words} == {None}
+    leading.shut = False
+    words = [leading.run(ASIDE, 0.05) for _ in range(60)]
+    assert any(word is not None and word.advice is not None for word in words)
+
+
+def test_new_steps_that_follow_a_hold_tell_what_held_the_chair() -> None:
+    leading, told = Leading(), set[str]()
+    held = GuideInputs.under((0.0, 0.0, 1.0, 1.0), 0.25, 0.0, 0, START, Twist())
+    for _ in range(1000):
+        leading.now_ns += 50_000_000
+        leading.leader.step(replace(held, now_ns=leading.now_ns))
+        told.add(leading.leader.led_on)
+    assert told == {"", "something is in the way, after 2 tries"}
+    away = Leading()
+    away.run(ASIDE, 3.0)  # off the way by the rider's own driving
+    assert (away.asked, away.leader.led_on) == (2, "")
+
+
+def test_a_rider_who_waits_at_a_door_is_told_so_without_coordinates() -> None:
+    clinic = load_world("small_clinic")
+    before, goal = Pose2(12.9, 4.4, math.pi), next(place.pose for place in clinic.places if place.name == "bath")
+    simulator = Simulator(replace(clinic.with_closed(["bath"]), start=before), CHAIR_A)
+    scans = [message for message in simulator.advance(200_000_000) if isinstance(message, Scan)]
+    ground = LiveGround(CHAIR_A, clinic.grid)
+    ground.see(scans[-1], before, Twist())
+    with pytest.raises(NoPath) as refused:
+        StepPlanner(Goal(goal), goal).replan(ground.ask()(), before)
+    assert ground.ask_why()(refused.value, before, goal) == "the door is shut, or something stands in it"
 
 
 def test_a_rider_to_whom_nothing_leads_on_is_told_so_in_the_end() -> None:

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from evaluation.figures.guiding.blind_places import BlindRoute, drive_route
 from evaluation.figures.guiding.blind_unmapped import NO_MAP
 from evaluation.scenes.tight_places import door_scene, map_of
 
@@ -48,6 +49,7 @@ def test_a_driver_on_whose_hand_the_glove_sits_the_wrong_way_round_is_led_no_lon
     scene = door_scene(0.9, 60.0, CHAIR_A, 3)
     record = guided_drive(GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, "opposite", seed=3), scene.goal, 60.0)
     assert record.reason.startswith("left and right were answered as each other")
+    assert record.announced[-1] == f"You are no longer led: {record.reason}."
     assert record.contacts == ()
 
 
@@ -88,3 +90,28 @@ def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_pa
     kept = json.loads((tmp_path / "guided.json").read_text())
     assert kept == json.loads(json.dumps(report(record, setup)))
     assert (tmp_path / "symbols.csv").read_text().count("said") == len(record.told)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("route", "arrives", "told"),
+    [
+        (
+            BlindRoute("small_clinic", "ward", "bath", shut="bath"),
+            False,
+            "Wait: the door is shut, or something stands in it.",
+        ),
+        (
+            BlindRoute("apartment", "bath", "bedroom", shut="bedroom"),
+            True,
+            "Something is in the way: other steps lead on.",
+        ),
+    ],
+)
+def test_a_driver_before_a_door_that_was_shut_meanwhile_is_told_so_and_waits_or_is_led_round(
+    route: BlindRoute, arrives: bool, told: str
+) -> None:
+    run = drive_route(route, "guide", 1)
+    assert (run.reached, run.contact_speeds) == (arrives, ())
+    assert told in run.announced
+    assert arrives or run.reason == "the door is shut, or something stands in it"
