@@ -22,6 +22,7 @@ from waychair.planning.seen.glass_gaps import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, slowing_speed
+from waychair.planning.window.paper_dwa import choose_as_paper
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 ROOMY = 0.1
@@ -33,6 +34,9 @@ WALL_WITHIN = 0.06
 WIDEST_OPENING, OPENING_SPEED, OPENING_SLOW_M = 1.8, 0.4, 0.8
 """m, m/s, m; with sonars: gaps of the map up to the first may hold glass, which sonars detect late, so the chair's front
 passes them at the second speed, from the third distance on."""
+
+PAPER_ENDS = 1.0
+"""m before a leg's end from which the own window drives: the paper's equations know no stop and no heading at a goal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +66,10 @@ class LegInput:
 class LegDrive:
     """The drive along one leg, with its state from tick to tick."""
 
-    def __init__(self, leg: PathLeg, drawn: DrawnMap, body: ChairBody, straying: Straying | None = None) -> None:
-        """`straying`: the chair's on its lines before."""
+    def __init__(
+        self, leg: PathLeg, drawn: DrawnMap, body: ChairBody, straying: Straying | None = None, as_paper: bool = False
+    ) -> None:
+        """`straying`: the chair's on its lines before. `as_paper`: ahead, the source paper's window drives alone."""
         self.leg = leg
         self.in_position = False
         self._body = body
@@ -71,7 +77,8 @@ class LegDrive:
         self._drawn = drawn
         self._has_room: BoolArray | None = None
         self._follower: WayFollower | None = None
-        if leg.rooms is not None:
+        self._as_paper = as_paper and not leg.backwards
+        if leg.rooms is not None and not self._as_paper:
             self._follower = WayFollower(leg, body, straying, MAP_DOUBT * drawn.grid.resolution)
         self._watches = [(door, DoorWatch(Pose2(), door.width)) for door in self.leg.doors]
         self._near: DistanceField | None = None  # in map
@@ -104,11 +111,15 @@ class LegDrive:
         return choice
 
     def _by_window(self, view: LegInput, limits: DwaSettings) -> DwaResult:
-        """Return the dynamic window's choice along a leg without room for a line."""
+        """Return the dynamic window's choice along a leg without a line to be followed."""
+        path = Path(self.leg.poses_in(view.odom_from_map))
+        left = self.remaining(view.odom_from_map.inverse() @ view.pose)
+        if self._as_paper and left is not None and left > PAPER_ENDS:
+            return choose_as_paper(view.answered, view.command, path, view.local(), self._body, limits)
         return choose(
             pose=view.answered,
             command=view.command,
-            path=Path(self.leg.poses_in(view.odom_from_map)),
+            path=path,
             distances=view.local(),
             body=self._body,
             settings=limits,

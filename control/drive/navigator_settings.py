@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from waychair.config import Settings, given, setting
 from waychair.control.drive.local_obstacles import SurroundingsSettings
@@ -36,3 +37,8 @@ class NavigatorSettings(Settings):
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     planner: PlannerSettings = field(default_factory=PlannerSettings)
     dwa: DwaSettings = field(default_factory=DwaSettings)
+    window: Literal["own", "paper"] = setting(
+        "own",
+        "",
+        "drive: own, along lines where there is no room; paper, for comparison: the source paper's window alone",
+    )

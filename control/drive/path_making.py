@@ -140,7 +140,7 @@ class PathMaker:
 
     def drive_of(self, leg: PathLeg) -> LegDrive:
         """Return the drive along a leg, by a chair that strays as it has strayed so far."""
-        return LegDrive(leg, self.drawn, self._body, self._now.straying)
+        return LegDrive(leg, self.drawn, self._body, self._now.straying, self._settings.window == "paper")
 
     def expects_people(self) -> bool:
         """Return whether anybody walks, or may soon walk, near the chair."""

@@ -38,6 +38,16 @@ def test_a_named_place_is_reached_within_its_tolerances() -> None:
     assert not pilot.active
 
 
+def test_the_papers_window_drives_the_chair_as_a_preset() -> None:
+    ways = dict[str, list[Pose2]]()
+    for window in ("own", "paper"):
+        pilot = navigator(hall((5.0, 3.2, 6.0, 4.6)), NavigatorSettings(window=window))
+        pilot.go(Goal("lift"))
+        states, ways[window] = drive(pilot, Pose2(2.0, 3.0, 0.0), 60)
+        assert states[-1].stage is Stage.ARRIVED
+    assert np.hypot(ways["paper"][40].x - ways["own"][40].x, ways["paper"][40].y - ways["own"][40].y) > 0.02
+
+
 def test_an_unknown_place_is_refused_at_once() -> None:
     with pytest.raises(UnknownPlace, match="lift"):
         navigator(hall()).go(Goal("lfit"))
