@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, told_share, told_time
+from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share, told_time
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -272,6 +272,8 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
     json
         Print JSON.
     """
+    from rich.console import Console
+
     from waychair.files import is_file
     from waychair.maps.building.indexed import indexed
     from waychair.maps.building.zone_rules import with_zones
@@ -279,12 +281,12 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
     from waychair.maps.exchange.floor_csv import NODES
     from waychair.planning.building.method_bench import bench
 
-    prepare_kernels()
     if is_file(source, BuildingError) or is_file(source / NODES, BuildingError):
         hgraph = read_exchange(source, "", None, SCALE).hgraph
     else:
         hgraph = with_zones(_loaded(source))
-    rows = bench(hgraph, indexed(hgraph), queries)
+    with stage_bars(Console(stderr=True)) as show:
+        rows = bench(hgraph, indexed(hgraph), queries, show)
     if json:
         _print_json({"methods": rows})
         return
@@ -295,7 +297,8 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
 def _loaded(folder: Path, quiet: bool = False) -> Building:
     from waychair.maps.building.building import load_building
 
-    return load_building(folder, None if quiet else told_share("reading the building"))
+    with told_share("reading the building", quiet) as show:
+        return load_building(folder, show)
 
 
 def _planner(building: Building, method: str) -> RoutePlanner:
