@@ -94,8 +94,8 @@ def page_command(
     """
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.haptic_options import haptic_options
-    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.cli.running.starting import WARNING
     from waychair.runtime.processes import signalled
     from waychair.runtime.rider.habits import Habits, default_path

@@ -24,6 +24,7 @@ from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant.plant import PlantSettings, volts_from_joystick, volts_from_twist
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.localising.localiser import Localiser, LocaliserSettings
+from waychair.topics import COMMAND
 from waychair.trials.drive import DrivenWay
 from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_drive import SimulatedDrive, hold_lines, with_few_beams, with_gyro
@@ -64,7 +65,7 @@ _DIRECTIONS = 8
 _RATES = (0.4, 0.8)  # [rad/s] of the turns left and right
 _HOLDS = (0.5, 1.2)  # [s] of one such turn
 _TURN_RATE = 0.6  # [rad/s] for the self-mask
-_STRETCHES = 20  # of a long simulation, after each of which its progress is told
+_STRETCH = 20  # steps of a long simulation, after which its progress is told
 
 
 def measured_neutral(plant: PlantSettings, seed: int) -> tuple[float, float]:
@@ -175,10 +176,10 @@ def calibrate_imu(
     simulator.release()
     steps = round(seconds * 100)  # of 10 ms
     samples: list[ImuSample] = []
-    for stretch in range(_STRETCHES):
-        count = steps * (stretch + 1) // _STRETCHES - steps * stretch // _STRETCHES
+    for done in range(0, steps, _STRETCH):
+        count = min(_STRETCH, steps - done)
         samples += [each for each in simulator.advance(count * 10_000_000) if isinstance(each, ImuSample)]
-        progress((stretch + 1) / _STRETCHES)
+        progress((done + count) / steps)
     return imu_at_rest(samples)
 
 
@@ -275,8 +276,10 @@ def scans_while_turning(
     plant, track = simulator.settings.plant, simulator.body.track
     volts = volts_from_twist(plant, track, Twist(0.0, _TURN_RATE))
     messages: list[SensorMessage] = []
-    for stretch in range(_STRETCHES):
-        messages += hold_lines(simulator, *volts, turns * math.tau / _TURN_RATE / _STRETCHES)
-        progress((stretch + 1) / _STRETCHES)
+    ticks = round(turns * math.tau / _TURN_RATE * COMMAND.rate_hz)
+    for done in range(0, ticks, _STRETCH):
+        count = min(_STRETCH, ticks - done)
+        messages += hold_lines(simulator, *volts, count / COMMAND.rate_hz)
+        progress((done + count) / ticks)
     simulator.release()
     return [message for message in messages if isinstance(message, Scan)]

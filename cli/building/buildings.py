@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share, told_time
+from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -177,8 +177,8 @@ def tables_command(folder: Path, /, *, quiet: bool = False) -> None:
     graph = indexed(with_zones(building), now_ns).graph
     prepare_kernels(quiet)
     begun = time.perf_counter()
-    with told_time("making the tables", quiet):
-        tables = BorderTables(graph)
+    with told_share("making the tables", quiet) as show:
+        tables = BorderTables(graph, progress=show)
     took = time.perf_counter() - begun
     save_tables(folder / TABLES, tables.tables, graph_key(building, now_ns))
     per_node = tables.nbytes / max(1, len(graph.xy))

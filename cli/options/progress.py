@@ -85,6 +85,11 @@ def told_share(what: str, quiet: bool = False) -> Iterator[Callable[[float], Non
         yield partial(show, what)
 
 
+def part_of(show: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    """Return a callback for the share of part `number`, from 0, of `count` equal parts of a piece of work."""
+    return lambda share: show((number + share) / count)
+
+
 @contextmanager
 def told_time(what: str, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """Show how long a piece of work of unknown length has lasted, as `stage_bars` does; nothing with `quiet`.
@@ -189,7 +194,9 @@ class _Lines:
         with self._lock:
             if stage not in self._stages:
                 self._stages[stage] = _StageSoFar(stage)
-            self._present = self._stages[stage]
+            if self._present is not self._stages[stage]:
+                self._present = self._stages[stage]
+                self._present.go_on()
             self._present.take(share, words)
         self.tell()
 
@@ -212,6 +219,11 @@ class _StageSoFar:
         self._began_s = time.monotonic()
         self._share: float | None = None
         self._words = ""
+
+    def go_on(self) -> None:
+        """Count the time from now on if nothing of the stage has been done yet."""
+        if not self._share:
+            self._began_s = time.monotonic()
 
     def take(self, share: float | None, words: str) -> None:
         """Take in how far it is; a share that falls is that of a new beginning."""

@@ -58,8 +58,8 @@ def bench_graph(
     searches = GraphSearch(graph)
     tables.costs(starts[:1], goals[:1])  # loads the kernels
     tables.ways(starts[:1], goals[:1])
-    truth, truth_us = _timed(searches.way, starts, goals, partial(progress, "dijkstra"))
-    guided, guided_us = _timed(lambda s, t: searches.way(s, t, guided=True), starts, goals, partial(progress, "astar"))
+    truth, truth_us = _timed(partial(searches.way, guided=False), starts, goals, partial(progress, "dijkstra"))
+    guided, guided_us = _timed(partial(searches.way, guided=True), starts, goals, partial(progress, "astar"))
     begun = time.perf_counter()
     costs = tables.costs(starts, goals)
     mean_us = 1e6 * (time.perf_counter() - begun) / len(starts)
