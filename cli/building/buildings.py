@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share
+from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share, told_time
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -132,7 +132,9 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
 
     chair = None if body is None else body_named(body)
     building = _loaded(folder)
-    found = check(with_zones(building), surroundings(building, chair))
+    prepare_kernels()
+    with told_time("checking"):
+        found = check(with_zones(building), surroundings(building, chair))
     errors = sum(each.severity is FindingSeverity.ERROR for each in found)
     if json:
         rows = [
