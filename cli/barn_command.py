@@ -58,6 +58,7 @@ def barn_command(
 
     from waychair.cli.options.progress import prepare_kernels, told_share
     from waychair.cli.options.tables import print_table
+    from waychair.planning.warm_up import warm_up
     from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
 
     changes, speed = _changes(config), _SPEED if speed is None else speed
@@ -65,6 +66,7 @@ def barn_command(
     paths = worlds_in(folder, worlds)
     prepare_kernels(quiet)
     with told_share("driving", quiet) as show:
+        warm_up()  # here, where it is told, and not by each of the worker processes
         runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, show)
     result = report(runs, task)
     if json:

@@ -43,6 +43,7 @@ def journeys_command(
 
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import prepare_kernels, told_share
+    from waychair.planning.warm_up import warm_up
     from waychair.trials.travel.journey_runs import keep_record, kept_records, run_journeys, summary
     from waychair.trials.travel.journeys import JourneyRecord
 
@@ -64,6 +65,7 @@ def journeys_command(
     missing = [each for each in seeds if each not in records]
     prepare_kernels()
     with told_share("travelling") as show:
+        warm_up()  # here, where it is told, and not by each of the worker processes
         run_journeys(world, missing, passengers, imu, jobs, told)
     result = summary([records[each] for each in seeds], seeds)
     if json:
