@@ -20,6 +20,7 @@ LINE_EVERY_S = 10.0
 """Time [s] between two lines about a stage where standard error is no terminal."""
 
 _DRAWN_EVERY_S = 0.05  # a drive tells how far it is at every tick; drawing that would take longer than the drive
+_LEAST_WAIT_S = 0.01
 _TELLING = 0.05  # share from which the time left is told: before, kernels are compiled, and it would be hours
 
 
@@ -187,7 +188,7 @@ class _Lines:
     def due_in(self) -> float:
         """Return the time to the next line [s]."""
         with self._lock:
-            return max(0.0, self._told_s + LINE_EVERY_S - time.monotonic())
+            return max(_LEAST_WAIT_S, self._told_s + LINE_EVERY_S - time.monotonic())
 
     def show(self, stage: str, share: float | None, words: str = "") -> None:
         """See `ShowStage`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -127,6 +128,7 @@ def test_warm_compiles_everything_for_a_drive_and_the_next_command_compiles_noth
         for _ in range(2)
     ]
     assert "compiling for this computer, once" in told[0].stderr
+    assert re.search(r"^(planner|mapper|guidance|behaviour cells): \d+ s so far$", told[0].stderr, re.MULTILINE)
     assert all("compiled for this computer" in each.stdout for each in told)
     assert "compiling" not in told[1].stderr
 
