@@ -107,11 +107,9 @@ def generate_command(
     quiet
         Print nothing but errors.
     """
-    from rich.console import Console
-
     from waychair.cli.options.arguments import BadArgument, body_named
     from waychair.cli.options.messages import sayer
-    from waychair.cli.options.progress import stage_bars
+    from waychair.cli.options.progress import told_stages
     from waychair.maps.building.building import load_building
     from waychair.planning.building.generation.storey_generation import (
         aligned_storey,
@@ -126,7 +124,7 @@ def generate_command(
         if not name or not equals or not place:
             raise BadArgument(f"--lift is '{name}{equals}{place}': give a lift and a place, as A=lift")
     say = sayer(quiet)
-    with stage_bars(Console(stderr=True, quiet=quiet)) as show:
+    with told_stages(quiet) as show:
         building = load_building(folder, partial(show, "reading the building"))
         made = generated_storey(building, storey, chair, progress=show)
     hgraph = made.building.hgraph

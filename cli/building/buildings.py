@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, stage_bars, told_share, told_time
+from waychair.cli.options.progress import prepare_kernels, told_share, told_stages, told_time
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -274,8 +274,6 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
     json
         Print JSON.
     """
-    from rich.console import Console
-
     from waychair.files import is_file
     from waychair.maps.building.indexed import indexed
     from waychair.maps.building.zone_rules import with_zones
@@ -287,7 +285,7 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
         hgraph = read_exchange(source, "", None, SCALE).hgraph
     else:
         hgraph = with_zones(_loaded(source))
-    with stage_bars(Console(stderr=True)) as show:
+    with told_stages() as show:
         rows = bench(hgraph, indexed(hgraph), queries, show)
     if json:
         _print_json({"methods": rows})

@@ -79,9 +79,7 @@ def stage_bars(console: Console) -> Iterator[ShowStage]:
 @contextmanager
 def told_share(what: str, quiet: bool = False) -> Iterator[Callable[[float], None]]:
     """Yield a callback that shows the share (0 to 1) of one long piece of work, as `stage_bars` does; nothing with `quiet`."""
-    from rich.console import Console
-
-    with _shown(Console(stderr=True, quiet=quiet)) as show:
+    with _on_standard_error(quiet) as show:
         show(what, 0.0)
         yield partial(show, what)
 
@@ -97,18 +95,40 @@ def told_time(what: str, quiet: bool = False) -> Iterator[Callable[[str], None]]
 
     Yields a callback for words on how far it is, such as the way driven.
     """
-    from rich.console import Console
-
-    with _shown(Console(stderr=True, quiet=quiet)) as show:
+    with _on_standard_error(quiet) as show:
         show(what, None)
         yield partial(show, what, None)
+
+
+@contextmanager
+def told_stages(quiet: bool = False) -> Iterator[ShowStage]:
+    """Yield a callback that shows the stages of a command on standard error, as `stage_bars` does; nothing with `quiet`."""
+    prepare_kernels(quiet)
+    with _on_standard_error(quiet) as show:
+        yield show
+
+
+@contextmanager
+def _on_standard_error(quiet: bool) -> Iterator[ShowStage]:
+    """Yield a callback that shows stages on standard error; with `quiet` nothing, and no library for bars is loaded."""
+    if quiet:
+        yield _show_nothing
+        return
+    from rich.console import Console
+
+    with _shown(Console(stderr=True)) as show:
+        yield show
+
+
+def _show_nothing(stage: str, share: float | None, words: str = "") -> None:
+    """Show nothing; see `ShowStage`."""
 
 
 @contextmanager
 def _shown(console: Console) -> Iterator[ShowStage]:
     """Yield a callback that shows stages on a console."""
     if console.quiet:
-        yield lambda stage, share, words="": None
+        yield _show_nothing
     elif console.is_terminal:
         with _drawn(console) as show:
             yield show

@@ -74,9 +74,9 @@ class RecordingOptions:
 
 
 class StageProgress:
-    """Progress of each stage with its remaining time, and warnings, on standard error; a quiet console shows nothing."""
+    """Progress of each stage with its remaining time, and warnings, on standard error; without a console nothing is shown."""
 
-    def __init__(self, console: Console, show: ShowStage) -> None:
+    def __init__(self, console: Console | None, show: ShowStage) -> None:
         self._console, self._show = console, show
 
     def stage(self, name: str) -> Callable[[float], None]:
@@ -86,6 +86,8 @@ class StageProgress:
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
         """Print each warning on a line."""
+        if self._console is None:
+            return
         for warning in warnings:
             self._console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
 
@@ -101,10 +103,14 @@ class StageProgress:
 @contextmanager
 def stages(quiet: bool) -> Iterator[StageProgress]:
     """Show progress while the block runs; with `quiet` only errors."""
+    from waychair.cli.options.progress import stage_bars, told_stages
+
+    if quiet:
+        with told_stages(quiet) as show:
+            yield StageProgress(None, show)
+        return
     from rich.console import Console
 
-    from waychair.cli.options.progress import stage_bars
-
-    console = Console(stderr=True, quiet=quiet)
+    console = Console(stderr=True)  # warnings come above its bars
     with stage_bars(console) as show:
         yield StageProgress(console, show)

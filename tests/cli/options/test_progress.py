@@ -1,6 +1,8 @@
 """Progress where standard error is no terminal."""
 
 import io
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -106,3 +108,13 @@ def test_on_a_terminal_there_is_a_bar_and_what_a_pipe_gets_stays_as_it_is(capsys
     assert "travelling: on storey 2" in text.getvalue()
     assert "100%" in text.getvalue()
     assert "seed 0" not in text.getvalue()
+
+
+def test_quiet_commands_load_no_library_for_bars() -> None:
+    program = (
+        "import sys\nfrom waychair.cli.options import progress\nfrom waychair.cli.options.recording_options import stages\n"
+        "with progress.told_share('a', True), progress.told_time('b', True), progress.told_stages(True), stages(True):\n"
+        "    assert not [name for name in sys.modules if name.startswith('rich')]\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

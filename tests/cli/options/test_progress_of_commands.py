@@ -95,6 +95,9 @@ TALKATIVE = {
 }
 """Commands without --quiet, whose standard output is JSON alone."""
 
+IN_OTHER_PROCESSES = {"map-all room.log --out maps"}
+"""Commands that run no kernel themselves."""
+
 
 def _run(files: Path, command: str, *more: str) -> tuple[str, str]:
     """Return standard output and error of a command, whose words that name files mean those in the folder."""
@@ -103,6 +106,12 @@ def _run(files: Path, command: str, *more: str) -> tuple[str, str]:
     done = waychair(first, *(str(files / word) if word in known else word for word in words), *more)
     assert done.returncode == 0 or "the time limit was reached" in done.stderr, done.stderr
     return done.stdout, done.stderr
+
+
+def _announcements() -> int:
+    """Return how often it has been asked for that the first compilation is announced."""
+    asked = progress._announce_compiling.cache_info()
+    return asked.hits + asked.misses
 
 
 def _stages(text: str) -> list[str]:
@@ -114,16 +123,20 @@ def test_a_command_that_lasts_tells_its_stages_on_standard_error_alone(
     files: Path, monkeypatch: pytest.MonkeyPatch, command: str, stages: Sequence[str]
 ) -> None:
     monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
+    began = _announcements()
     said, told = _run(files, command)
     assert set(stages) <= set(_stages(told)), told[-2000:]
     assert not TOLD.search(said)
+    assert (_announcements() > began) == (command not in IN_OTHER_PROCESSES)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_quiet_command_tells_no_stage(files: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
     monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
+    began = _announcements()
     said, told = _run(files, command, "--quiet")
     assert (said, _stages(told)) == ("", [])
+    assert _announcements() == began
 
 
 @pytest.mark.skipif(importlib.util.find_spec("fastapi") is None, reason="the extra [ui] is not installed")
