@@ -154,7 +154,7 @@ def _drawn(console: Console) -> Iterator[ShowStage]:
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
-        TextColumn("left"),
+        TextColumn("{task.fields[left]}"),
         TimeRemainingColumn(),
         TextColumn("so far"),
         TimeElapsedColumn(),
@@ -167,13 +167,15 @@ def _drawn(console: Console) -> Iterator[ShowStage]:
         def show(stage: str, share: float | None, words: str = "") -> None:
             now = time.monotonic()
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=None)
+                tasks[stage] = bars.add_task(stage, total=None, left="")
             elif now - drawn_s[stage] < _DRAWN_EVERY_S and share != 1.0:
                 return
             drawn_s[stage] = now
             said = f"{stage}: {words}" if words else stage
-            total = None if share is None else 1.0
-            bars.update(tasks[stage], description=said, total=total, completed=share)
+            if share is None:
+                bars.update(tasks[stage], description=said)
+            else:
+                bars.update(tasks[stage], description=said, total=1.0, completed=share, left="left")
 
         yield show
 
