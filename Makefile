@@ -10,6 +10,7 @@ PARALLEL := -n auto --dist worksteal
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
 	@bash .ci/setup ui
+	@bash .ci/warm
 	@$(PYTHON_BIN)/waychair demo
 
 seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was

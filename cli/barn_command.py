@@ -54,20 +54,20 @@ def barn_command(
     """
     import json as text
 
-    from rich.console import Console
-    from rich.progress import Progress
     from rich.table import Table
 
-    from waychair.cli.options.progress import is_drawn, stage_of
+    from waychair.cli.options.progress import prepare_kernels, told_share
     from waychair.cli.options.tables import print_table
+    from waychair.planning.warm_up import warm_up
     from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
 
     changes, speed = _changes(config), _SPEED if speed is None else speed
     task = BarnTask(body=body, speed=speed, scale=scale, starts=starts, changes=changes)
     paths = worlds_in(folder, worlds)
-    console = Console(stderr=True, quiet=json or quiet)
-    with Progress(console=console, transient=True, disable=not is_drawn(console)) as bar:
-        runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, stage_of(bar, "driving"))
+    prepare_kernels(quiet)
+    with told_share("driving", quiet) as show:
+        warm_up()  # here, where it is told, and not by each of the worker processes
+        runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, show)
     result = report(runs, task)
     if json:
         print(text.dumps(result, indent=2, allow_nan=False))

@@ -157,7 +157,8 @@ def replay_command(
     from waychair.runtime.black_box.cell_traces import trace_at
 
     read = trace_at(trace)
-    done = replay(read, preset_network(read.header.preset, read.header.settings), told_share("replaying"))
+    with told_share("replaying") as show:
+        done = replay(read, preset_network(read.header.preset, read.header.settings), show)
     if out is not None:
         write_bytes(out, done.data)
     if done.difference is None:

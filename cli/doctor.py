@@ -75,13 +75,11 @@ def doctor_command(*, warm: bool = False) -> None:
 
 def _warm_up() -> None:
     """Compile all kernels with a short simulated drive, and print how long it took."""
-    from rich.console import Console
-
-    from waychair.cli.options.progress import stage_bars
+    from waychair.cli.options.progress import told_stages
     from waychair.trials.kernels import compile_kernels
 
     began = time.monotonic()
-    with stage_bars(Console(stderr=True)) as show:
+    with told_stages() as show:
         compile_kernels(show)
     print(f"compiled for this computer, and tried in a short simulated drive, in {time.monotonic() - began:.0f} s")
 

@@ -205,6 +205,7 @@ def navigate_command(
     from waychair.cli.options.arguments import BadArgument
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.messages import warnings_unless
+    from waychair.cli.options.progress import prepare_kernels
     from waychair.maps.folders.map_files import load_map
     from waychair.simulation.plan.world import load_world
 
@@ -220,8 +221,10 @@ def navigate_command(
         raise BadArgument("--resolution needs a --map: omit it")
     else:
         course = _course_in_world(plan, start, goal)
+    prepare_kernels(quiet)
     legs = _driven(
         course,
+        quiet=quiet,
         default_start=start is None,
         seed=seed,
         people=people,
@@ -286,6 +289,7 @@ def _with_planner(settings: ChairSettings, planner: str | None) -> ChairSettings
 def _driven(
     course: _Course,
     *,
+    quiet: bool,
     default_start: bool,
     seed: int,
     people: int,
@@ -295,28 +299,31 @@ def _driven(
     settings: ChairSettings,
     simulation: SimulationSettings,
 ) -> tuple[DriveRecord, ...]:
-    """Drive the course; a start that is impossible is told to be the default one."""
+    """Drive the course, and tell how far the chair has come; a start that is impossible is told to be the default one."""
+    from waychair.cli.options.progress import told_time
     from waychair.errors import StartOccupied, StartOutsideMap
     from waychair.trials.navigate import navigate
     from waychair.types import Pose2
 
     try:
-        return navigate(
-            grid=course.grid,
-            start=course.start,
-            goals=course.goals,
-            seed=seed,
-            people=people,
-            world=course.world,
-            zones=course.zones,
-            sensors=sensors,
-            scanned=course.scanned,
-            map_from_world=course.map_from_world or Pose2(),
-            box=box,
-            trace=trace,
-            settings=settings,
-            simulation=simulation,
-        )
+        with told_time("driving", quiet) as tell:
+            return navigate(
+                grid=course.grid,
+                start=course.start,
+                goals=course.goals,
+                seed=seed,
+                people=people,
+                world=course.world,
+                zones=course.zones,
+                sensors=sensors,
+                scanned=course.scanned,
+                map_from_world=course.map_from_world or Pose2(),
+                box=box,
+                trace=trace,
+                settings=settings,
+                simulation=simulation,
+                progress=lambda goal, metres: tell(f"{metres:.0f} m on the way to {goal}"),
+            )
     except (StartOccupied, StartOutsideMap) as error:
         if not default_start:
             raise

@@ -64,7 +64,9 @@ def localize_command(
         raise BadArgument(f"--out {out} is the map's folder, whose files would be overwritten: choose another one")
     with stages(quiet) as progress:
         log = progress.read(recordings, settings.input)
-        localised = localise_recording(log, grid, settings, begin, progress.stage("localising"))
+        localised = localise_recording(
+            log, grid, settings, begin, progress.stage("localising"), progress.stage("checking")
+        )
         save_localised(out, localised, settings)
         progress.warn(localised.report["warnings"][len(log.warnings) :])
     if not quiet:

@@ -38,10 +38,8 @@ def export_command(
     quiet
         Print nothing but errors.
     """
-    from rich.console import Console
-
     from waychair.cli.options.configuration import load_recording_settings
-    from waychair.cli.options.progress import stage_bars
+    from waychair.cli.options.progress import told_stages
     from waychair.offline.cloud_export import CloudSettings, export_cloud
     from waychair.offline.mapping import MappingSettings
     from waychair.offline.rgbd_mapping import RgbdMappingSettings
@@ -53,7 +51,7 @@ def export_command(
     else:
         settings = load_recording_settings(config, MappingSettings)
     settings = replace(settings, input=reading.over(settings.input))
-    with stage_bars(Console(stderr=True, quiet=quiet)) as show:
+    with told_stages(quiet) as show:
         done = export_cloud(source, ply, CloudSettings(voxel=voxel), settings, show)
     if not quiet:
         print(

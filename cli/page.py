@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -95,6 +95,7 @@ def page_command(
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.haptic_options import haptic_options
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.cli.running.starting import WARNING
     from waychair.runtime.processes import signalled
     from waychair.runtime.rider.habits import Habits, default_path
@@ -112,7 +113,11 @@ def page_command(
         raise BadArgument("a simulated driver moves the chair's own joystick: leave --driver or --stick out")
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
+    prepare_kernels()
+    starting = ExitStack()
+    starting.enter_context(told_time("starting the chair"))
     with (
+        starting,
         _edited(building) as session,
         live_building(sim, building, map, people=people) as site,
         LiveChair(
@@ -142,6 +147,7 @@ def page_command(
             session_log=None if touch is None else touch.session,
         ),
     ):
+        starting.close()
         print(f"waychair: {page_sentence(port, lan, secret, page_name)}; end with Ctrl-C", file=sys.stderr)
         while chair.alive and not ending():
             time.sleep(_LOOK_S)

@@ -9,10 +9,10 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonEmptyPath
 from waychair.cli.options.messages import sayer, warnings_unless
-from waychair.cli.options.progress import prepare_kernels
+from waychair.cli.options.progress import prepare_kernels, told_share, told_time
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from waychair.offline.report import PngFigure
     from waychair.planning.grid.costmap import Costmap
@@ -82,26 +82,30 @@ def plan_command(
     say = sayer(quiet)
     prepare_kernels(quiet)
     if scen is not None:
-        _plan_scenario(map, scen, settings.planner, json, say)
+        _plan_scenario(map, scen, settings.planner, json, quiet)
     elif start is None or goal is None:
         raise BadArgument("give --start and --goal, or --scen")
     elif on_cells:
         check_picture(png, "--png", map)
-        _plan_on_cells(map=map, start=start, goal=goal, planner=settings.planner, png=png, json=json, say=say)
+        with told_time("planning", quiet):
+            said = _plan_on_cells(map, start, goal, settings.planner, png, json)
+        say(said)
     else:
         check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
-        _plan_for_the_chair(
-            map=map,
-            start=start,
-            goal=goal,
-            settings=settings,
-            comfortable=comfortable,
-            body=body,
-            png=png,
-            json=json,
-            resolution=resolution,
-            quiet=quiet,
-        )
+        with told_time("planning", quiet):
+            said = _plan_for_the_chair(
+                map=map,
+                start=start,
+                goal=goal,
+                settings=settings,
+                comfortable=comfortable,
+                body=body,
+                png=png,
+                json=json,
+                resolution=resolution,
+                quiet=quiet,
+            )
+        say(said)
 
 
 def _planning_settings(config: Path | None, planner: str | None) -> tuple[PlannerSettings, float]:
@@ -136,8 +140,8 @@ def _plan_for_the_chair(
     json: bool,
     resolution: float | None,
     quiet: bool,
-) -> None:
-    """Plan a path in metres for the chair's footprint, and print it."""
+) -> str:
+    """Plan a path in metres for the chair's footprint; return what to print."""
     import time
 
     from waychair.cli.options.arguments import body_named
@@ -182,7 +186,7 @@ def _plan_for_the_chair(
         said += "\nturns at every 0.10 m, from degrees: " + ", ".join(
             f"{edge}: {count}" for edge, count in turns.items()
         )
-    sayer(quiet)(_json({**values, "poses": path.poses.tolist()}) if json else said)
+    return _json({**values, "poses": path.poses.tolist()}) if json else said
 
 
 def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> PngFigure:
@@ -203,10 +207,8 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
     return potential_picture(costmap.grid, found, paths, (begin, end))
 
 
-def _plan_on_cells(
-    map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool, say: Callable[[str], None]
-) -> None:
-    """Plan a point's path over the cells of a Moving AI map, and print it."""
+def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> str:
+    """Plan a point's path over the cells of a Moving AI map; return what to print."""
     import time
 
     import numpy as np
@@ -226,7 +228,7 @@ def _plan_on_cells(
     if png is not None:
         write_png(png, _cells_picture(free, found.cells, (start, goal), planner))
     values = {"cost": cost, "ms": ms, "cells": found.cells[:, ::-1].tolist()}
-    say(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
+    return _json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else "")
 
 
 def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> PngFigure:
@@ -268,7 +270,7 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
     )
 
 
-def _plan_scenario(map: Path, scen: Path, planner: str, json: bool, say: Callable[[str], None]) -> None:
+def _plan_scenario(map: Path, scen: Path, planner: str, json: bool, quiet: bool) -> None:
     """Plan all queries of a scenario from scratch, and print them; the cost of a query without a path is null.
 
     Raises:
@@ -287,18 +289,20 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool, say: Callabl
     free, queries = load_free_cells(map), load_queries(scen)
     check_queries(queries, free)
     prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
-    _load_kernels(planner)
     costs: list[float | None] = []
     times = []
-    for query in queries:
-        begun = time.thread_time()
-        try:
-            costs.append(plan_on_cells(prices, query.start, query.goal, planner).cost / _per_cell())
-        except NoPath:
-            costs.append(None)
-        times.append(1e3 * (time.thread_time() - begun))
+    with told_share("planning", quiet) as show:
+        _load_kernels(planner)
+        for query in queries:
+            begun = time.thread_time()
+            try:
+                costs.append(plan_on_cells(prices, query.start, query.goal, planner).cost / _per_cell())
+            except NoPath:
+                costs.append(None)
+            times.append(1e3 * (time.thread_time() - begun))
+            show(len(costs) / len(queries))
     optima = [query.optimal for query in queries]
-    both = list(zip(costs, optima, strict=True))
+    both, say = list(zip(costs, optima, strict=True)), sayer(quiet)
     right = [cost is not None and abs(cost - optimal) <= 1e-4 * optimal for cost, optimal in both]
     if json:
         rows = zip(costs, optima, times, strict=True)

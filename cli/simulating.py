@@ -209,22 +209,18 @@ def _driven(
     messages: Iterator[SensorMessage] | None,
 ) -> RouteDrive:
     """Drive along the route with a progress bar on standard error."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from waychair.cli.options.progress import is_drawn, prepare_kernels, stage_of
+    from waychair.cli.options.progress import prepare_kernels, told_share
 
     prepare_kernels(quiet)
     from waychair.trials.record import drive_route
 
-    console = Console(file=sys.stderr, quiet=quiet)
-    with Progress(console=console, transient=True, disable=not is_drawn(console)) as bar:
+    with told_share("driving", quiet) as show:
         return drive_route(
             simulator=simulator,
             body=simulator.body,
             route=waypoints,
             bag=record,
-            progress=stage_of(bar, "driving"),
+            progress=show,
             pacer=pacer,
             drive=messages,
         )

@@ -149,7 +149,9 @@ def _posed(
     if mount is None:
         raise NoPictures(amiss[0] if amiss else f"{recording.path} holds no pictures with depth")
     if folder is None:
-        flat = map_recording(recording, replace(scanned, vision="off"), map_progress).result.trajectory
+        flat = map_recording(
+            recording, replace(scanned, vision="off"), map_progress, checking=partial(progress, "checking")
+        ).result.trajectory
     else:
         flat = read_tum(folder / "trajectory.tum")
     yield from _told(_on_floor(recording, mount, flat), flat.stamps_ns, progress)

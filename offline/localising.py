@@ -42,17 +42,18 @@ def localise_recording(
     settings: LocalisingSettings,
     start: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
+    checking: Callable[[float], None] | None = None,
 ) -> LocalisedRecording:
     """Localise a recording from its start pose in map or, without one, by a search over the whole map.
 
     The trajectory holds the poses by scan matching, without the frames at which the chair is lost. `progress` is called
-    with the share of frames done.
+    with the share of frames done; before, `checking` with the share of the scans by which odometry and IMU are checked.
 
     Raises:
         NoScans: the recording has no frame with a scan.
     """
     cpu = time.process_time()
-    checked = checked_recording(recording, settings.localiser.matching.range_max)
+    checked = checked_recording(recording, settings.localiser.matching.range_max, checking)
     recording = replace(checked.recording, warnings=(*recording.warnings, *checked.sentences))
     frames = [frame for frame in recording.frames if frame.scan is not None]
     if not frames:

@@ -94,8 +94,11 @@ def map_recording(
     *,
     keep_in: Path | None = None,
     reading_s: float = 0.0,
+    checking: Callable[[float], None] | None = None,
 ) -> Mapping:
     """Map a whole recording; `progress` is called with the share of frames done.
+
+    Before, `checking` is called with the share of the scans by which odometry and IMU are checked.
 
     With the folder `keep_in`, a stopped run resumes from its last checkpoint and gives the same map as an uninterrupted
     one; the checkpoint is removed when the map is saved. `reading_s` is the CPU time of reading, for the report.
@@ -116,7 +119,7 @@ def map_recording(
     if settings.depth.use == "only":
         live = live_from_pictures(recording, settings, camera, progress)
         return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
-    checked = checked_recording(recording, settings.mapper.matching.range_max)
+    checked = checked_recording(recording, settings.mapper.matching.range_max, checking)
     recording, amiss = checked.recording, [*checked.sentences, *amiss, *_too_short(recording)]
     recording = replace(recording, frames=recording.frames[start_index(recording.frames) :])
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
@@ -158,8 +161,11 @@ def join_recording(
     progress: Callable[[float], None] | None = None,
     *,
     reading_s: float = 0.0,
+    checking: Callable[[float], None] | None = None,
 ) -> Mapping:
     """Map a recording as a further drive through the building of a map folder; return the map of both (see `sessions`).
+
+    `progress` and `checking` as for `map_recording`.
 
     The memory of places is continued in `keep_in`, a copy of the folder; the folder itself is only read. A node with a
     link to an earlier one is removed once it leaves the short-term memory (`reduce_graph`), so that the number of nodes
@@ -177,7 +183,7 @@ def join_recording(
     started, cpu = time.perf_counter(), time.process_time()
     if settings.depth.use == "only":
         raise SessionError("a drive is joined to a map by its laser scans: leave out --depth only")
-    checked = checked_recording(recording, settings.mapper.matching.range_max)
+    checked = checked_recording(recording, settings.mapper.matching.range_max, checking)
     recording = checked.recording
     camera, amiss = mount_of_camera(recording, settings.depth)
     amiss = [*checked.sentences, *amiss]

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -120,13 +121,13 @@ def drive_to_places(
     simulator: Simulator,
     goals: Sequence[str],
     time_limit_s: float = 300.0,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[str, float], None] = lambda goal, metres: None,
     box: Path | None = None,
     trace: Path | None = None,
 ) -> tuple[DriveRecord, ...]:
     """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
-    `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
+    `progress` is called after each tick with the place and the way [m] driven to it. `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
     behaviour cells, if it has them (`ChairSettings.perceive`).
 
     Raises:
@@ -141,11 +142,24 @@ def drive_to_places(
         nullcontext() if trace is None else CellTraceFile(trace) as cells,
         simulated_chair(setup, simulator, Watchers(log, cells)) as chair,
     ):
-        for index, goal in enumerate(goals):
-            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s))
-            if progress is not None:
-                progress((index + 1) / len(goals))
+        for goal in goals:
+            way = DrivenWay(simulator, partial(progress, goal))
+            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s, lambda *_, way=way: way.step()))
     return tuple(legs)
+
+
+class DrivenWay:
+    """Tells after each tick how far [m] a simulated chair has driven."""
+
+    def __init__(self, simulator: SimulatedChair, tell: Callable[[float], None]) -> None:
+        self._simulator, self._tell = simulator, tell
+        self._last, self._metres = simulator.truth(), 0.0
+
+    def step(self) -> None:
+        """Add the way of the tick that has ended, and tell the sum."""
+        pose = self._simulator.truth()
+        self._metres, self._last = self._metres + math.dist((pose.x, pose.y), (self._last.x, self._last.y)), pose
+        self._tell(self._metres)
 
 
 def black_box(setup: DriveSetup, folder: Path | None) -> AbstractContextManager[BlackBox | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from waychair.calibration.chair_body import CHAIR_A
@@ -35,16 +36,23 @@ routes:
 def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
     """Compile the kernels of planner, mapper, guidance and behaviour cells, and by a short demo those of simulator and a drive.
 
-    numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
+    numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds. `progress`
+    is called with the part that is compiled or the stage of the demo, and the share (0 or 1 of a part) that is done.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     compile_lightly()
-    planning_kernels.warm_up()
-    mapping_kernels.warm_up()
-    leading_kernels.warm_up()
-    Perception(CHAIR_A)  # its constructor runs the cells
+    parts: dict[str, Callable[[], object]] = {
+        "planner": planning_kernels.warm_up,
+        "mapper": mapping_kernels.warm_up,
+        "guidance": leading_kernels.warm_up,
+        "behaviour cells": lambda: Perception(CHAIR_A),  # its constructor runs the cells
+    }
+    for name, run in parts.items():
+        progress(name, 0.0)
+        run()
+        progress(name, 1.0)
     with tempfile.TemporaryDirectory() as name:
         plan = Path(name) / "hall.yaml"
         plan.write_text(_HALL, encoding="utf-8")

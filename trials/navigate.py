@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,6 +48,7 @@ def navigate(
     trace: Path | None = None,
     settings: ChairSettings | None = None,
     simulation: SimulationSettings | None = None,
+    progress: Callable[[str, float], None] = lambda goal, metres: None,
 ) -> tuple[DriveRecord, ...]:
     """Drive chair A from a start to places in turn, in the map's frame, among `people` walking people.
 
@@ -55,7 +56,8 @@ def navigate(
     map. `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
     `scanned` is the map as the lidar sees it in `world`; in a raised world the lidar sees the whole map. `box` is the
     folder of a black box, `trace` the file for the trace of behaviour cells, which are switched on for it. `settings` are
-    the chair's, `simulation` those of its simulated sensors and plant.
+    the chair's, `simulation` those of its simulated sensors and plant. `progress` is called after each tick with the goal's
+    name and the way [m] driven to it.
 
     Raises:
         StartOutsideMap, StartOccupied: the chair cannot stand at the start (in map coordinates).
@@ -84,7 +86,7 @@ def navigate(
         scanned=scanned,
         chair=chair_settings if trace is None else replace(chair_settings, perceive=True),
     )
-    return drive_to_places(setup, simulator, [place.name for place in goals], box=box, trace=trace)
+    return drive_to_places(setup, simulator, [place.name for place in goals], progress=progress, box=box, trace=trace)
 
 
 def world_with_people(world: World, start: Pose2, people: int, seed: int) -> World:

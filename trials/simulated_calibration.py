@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,6 +24,8 @@ from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant.plant import PlantSettings, volts_from_joystick, volts_from_twist
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.localising.localiser import Localiser, LocaliserSettings
+from waychair.topics import COMMAND
+from waychair.trials.drive import DrivenWay
 from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_drive import SimulatedDrive, hold_lines, with_few_beams, with_gyro
 from waychair.types import (
@@ -63,6 +65,7 @@ _DIRECTIONS = 8
 _RATES = (0.4, 0.8)  # [rad/s] of the turns left and right
 _HOLDS = (0.5, 1.2)  # [s] of one such turn
 _TURN_RATE = 0.6  # [rad/s] for the self-mask
+_STRETCH = 20  # steps of a long simulation, after which its progress is told
 
 
 def measured_neutral(plant: PlantSettings, seed: int) -> tuple[float, float]:
@@ -88,8 +91,16 @@ def square_both_ways(start: Pose2, side: float = _SIDE) -> FloatArray:
     return transform_points(start, np.concatenate([corners, back]))
 
 
-def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int = 2) -> WheelCalibration:
+def calibrate_wheels(
+    simulator: Simulator,
+    *,
+    mapped: bool = False,
+    rounds: int = 2,
+    progress: Callable[[float], None] = lambda metres: None,
+) -> WheelCalibration:
     """Drive a square both ways; fit the wheels to the true poses or, if `mapped`, the localiser's poses.
+
+    `progress` is called during the drive with the way driven [m].
 
     Raises:
         CalibrationError: see `wheels_from_drive`; or the localiser got lost.
@@ -101,6 +112,7 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
     ticks: list[WheelTicks] = []
     truth: list[tuple[int, Pose2]] = []
     scans: list[Scan] = []
+    way = DrivenWay(simulator, progress)
     for message in follow(simulator, follower):
         if isinstance(message, Scan):
             scans.append(message)
@@ -108,6 +120,7 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
             ticks.append(message)
             if message.stamp_ns == simulator.now_ns:  # the truth is taken at the end of the tick
                 truth.append((message.stamp_ns, simulator.truth()))
+                way.step()
     known = poses_from_scans(simulator.world.grid, body, start, ticks, scans) if mapped else truth
     apart = thinned(known, MAPPED_STRETCH_NS if mapped else STRETCH_NS)
     stamps = np.array([stamp for stamp, _ in apart], np.int64)
@@ -150,15 +163,24 @@ def dead_reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArra
     return np.array(stamps, np.int64), poses, twists
 
 
-def calibrate_imu(simulator: Simulator, seconds: float = 60.0) -> ImuCalibration:
+def calibrate_imu(
+    simulator: Simulator, seconds: float = 60.0, progress: Callable[[float], None] = lambda share: None
+) -> ImuCalibration:
     """Record a simulated chair's inertial unit at rest and return its bias and noise.
+
+    `progress` is called with the share of the time that has passed.
 
     Raises:
         CalibrationError: see `imu_at_rest`; the time is too short, or there is no inertial unit.
     """
     simulator.release()
-    messages = simulator.advance(round(seconds * 100) * 10_000_000)
-    return imu_at_rest([message for message in messages if isinstance(message, ImuSample)])
+    steps = round(seconds * 100)  # of 10 ms
+    samples: list[ImuSample] = []
+    for done in range(0, steps, _STRETCH):
+        count = min(_STRETCH, steps - done)
+        samples += [each for each in simulator.advance(count * 10_000_000) if isinstance(each, ImuSample)]
+        progress((done + count) / steps)
+    return imu_at_rest(samples)
 
 
 def with_displaced_camera(body: ChairBody, seed: int) -> ChairBody:
@@ -177,11 +199,17 @@ def with_displaced_camera(body: ChairBody, seed: int) -> ChairBody:
 
 
 def calibrate_camera(
-    body: ChairBody, nominal: Pose3, settings: SimulatorSettings, seed: int = 0, room: float = 6.0
+    body: ChairBody,
+    nominal: Pose3,
+    settings: SimulatorSettings,
+    seed: int = 0,
+    room: float = 6.0,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Extrinsics:
     """Return camera extrinsics from the views of a simulated chair in a bare room, in eight directions.
 
-    `body` carries the camera at its true place; `nominal` is `camera_from_laser` by tape measure.
+    `body` carries the camera at its true place; `nominal` is `camera_from_laser` by tape measure. `progress` is called with
+    the share of the directions that is done.
 
     Raises:
         MissingExtra: this machine cannot render pictures.
@@ -195,6 +223,7 @@ def calibrate_camera(
         if simulator.camera_problem:
             raise MissingExtra(f"pictures cannot be rendered: {simulator.camera_problem}")
         views += views_of_planes(*frame_and_scan(simulator), body, nominal)
+        progress((direction + 1) / _DIRECTIONS)
     return extrinsics_from_planes(views, nominal)
 
 
@@ -236,14 +265,21 @@ def with_legs(settings: SimulatorSettings) -> SimulatorSettings:
     return replace(settings, lidar=replace(settings.lidar, legs=True))
 
 
-def scans_while_turning(simulator: Simulator, turns: float = 1.2) -> list[Scan]:
-    """Return the scans of a chair that turns on the spot, `turns` times.
+def scans_while_turning(
+    simulator: Simulator, turns: float = 1.2, progress: Callable[[float], None] = lambda share: None
+) -> list[Scan]:
+    """Return the scans of a chair that turns on the spot, `turns` times; `progress` is called with the share that is done.
 
     Raises:
         WorldError: the chair touched something.
     """
     plant, track = simulator.settings.plant, simulator.body.track
     volts = volts_from_twist(plant, track, Twist(0.0, _TURN_RATE))
-    messages = hold_lines(simulator, *volts, turns * math.tau / _TURN_RATE)
+    messages: list[SensorMessage] = []
+    ticks = round(turns * math.tau / _TURN_RATE * COMMAND.rate_hz)
+    for done in range(0, ticks, _STRETCH):
+        count = min(_STRETCH, ticks - done)
+        messages += hold_lines(simulator, *volts, count / COMMAND.rate_hz)
+        progress((done + count) / ticks)
     simulator.release()
     return [message for message in messages if isinstance(message, Scan)]

@@ -43,6 +43,7 @@ def edit_command(
     """
     from waychair.cli.options.arguments import body_named
     from waychair.cli.options.page_process import check_page_port, page_addresses, page_names, page_token
+    from waychair.cli.options.progress import prepare_kernels
     from waychair.runtime.processes import signalled
     from waychair.ui.editor.server import editor_server
     from waychair.ui.editor.session import Session
@@ -51,6 +52,7 @@ def edit_command(
     check_page_port(port, "--port")
     names, secret = page_names(page_name, lan), page_token(lan, token)
     ending = signalled(signal.SIGINT, signal.SIGTERM)
+    prepare_kernels()
     host = "0.0.0.0" if lan else "127.0.0.1"
     with (
         Session(folder, chair) as session,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -108,7 +109,7 @@ def generate_command(
     """
     from waychair.cli.options.arguments import BadArgument, body_named
     from waychair.cli.options.messages import sayer
-    from waychair.cli.options.progress import prepare_kernels, told_time
+    from waychair.cli.options.progress import told_stages
     from waychair.maps.building.building import load_building
     from waychair.planning.building.generation.storey_generation import (
         aligned_storey,
@@ -123,10 +124,9 @@ def generate_command(
         if not name or not equals or not place:
             raise BadArgument(f"--lift is '{name}{equals}{place}': give a lift and a place, as A=lift")
     say = sayer(quiet)
-    building = load_building(folder)
-    prepare_kernels(quiet)
-    with told_time("generating the storey", quiet):
-        made = generated_storey(building, storey, chair)
+    with told_stages(quiet) as show:
+        building = load_building(folder, partial(show, "reading the building"))
+        made = generated_storey(building, storey, chair, progress=show)
     hgraph = made.building.hgraph
     for name, _, place in stops:
         hgraph = with_lift_stop(hgraph, storey, name, place)

@@ -101,6 +101,7 @@ def drive_command(
     from concurrent.futures import ThreadPoolExecutor
 
     from waychair.cli.options.messages import sayer
+    from waychair.cli.options.progress import prepare_kernels, told_share, told_time
     from waychair.maps.building.building import load_building
     from waychair.maps.building.indexed import indexed
     from waychair.maps.building.zone_rules import with_zones
@@ -114,14 +115,17 @@ def drive_command(
 
     def tell(state: TravelState, simulator: Simulator) -> None:
         times.step(state.chair, state.storey)
+        tell_time(f"{simulator.now_ns * 1e-9:.0f} s of the journey, on storey {state.storey}")
         if state.order.sentence != told[0]:
             told[0] = state.order.sentence
             say(f"{simulator.now_ns * 1e-9:6.1f} s, storey {state.storey}: {told[0]}")
 
-    building = load_building(folder)
+    with told_share("reading the building", quiet) as show:
+        building = load_building(folder, show)
+    prepare_kernels(quiet)
     hgraph = with_zones(building)
     planner = RoutePlanner(hgraph, Method.ASTAR, built=indexed(hgraph, time.time_ns()))
-    with ThreadPoolExecutor(1, "times") as worker:
+    with ThreadPoolExecutor(1, "times") as worker, told_time("travelling", quiet) as tell_time:
         times = DriveTimes(folder, lambda: learn, worker)
         record = drive_in_building(building, planner, planner.node(start), planner.node(goal), seed, passengers, tell)
     if not record.arrived:

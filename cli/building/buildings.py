@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt, body_named
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, told_share, told_time
+from waychair.cli.options.progress import prepare_kernels, told_share, told_stages, told_time
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -132,7 +132,9 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
 
     chair = None if body is None else body_named(body)
     building = _loaded(folder)
-    found = check(with_zones(building), surroundings(building, chair))
+    prepare_kernels()
+    with told_time("checking"):
+        found = check(with_zones(building), surroundings(building, chair))
     errors = sum(each.severity is FindingSeverity.ERROR for each in found)
     if json:
         rows = [
@@ -177,8 +179,8 @@ def tables_command(folder: Path, /, *, quiet: bool = False) -> None:
     graph = indexed(with_zones(building), now_ns).graph
     prepare_kernels(quiet)
     begun = time.perf_counter()
-    with told_time("making the tables", quiet):
-        tables = BorderTables(graph)
+    with told_share("making the tables", quiet) as show:
+        tables = BorderTables(graph, progress=show)
     took = time.perf_counter() - begun
     save_tables(folder / TABLES, tables.tables, graph_key(building, now_ns))
     per_node = tables.nbytes / max(1, len(graph.xy))
@@ -279,12 +281,12 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
     from waychair.maps.exchange.floor_csv import NODES
     from waychair.planning.building.method_bench import bench
 
-    prepare_kernels()
     if is_file(source, BuildingError) or is_file(source / NODES, BuildingError):
         hgraph = read_exchange(source, "", None, SCALE).hgraph
     else:
         hgraph = with_zones(_loaded(source))
-    rows = bench(hgraph, indexed(hgraph), queries)
+    with told_stages() as show:
+        rows = bench(hgraph, indexed(hgraph), queries, show)
     if json:
         _print_json({"methods": rows})
         return
@@ -295,7 +297,8 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
 def _loaded(folder: Path, quiet: bool = False) -> Building:
     from waychair.maps.building.building import load_building
 
-    return load_building(folder, None if quiet else told_share("reading the building"))
+    with told_share("reading the building", quiet) as show:
+        return load_building(folder, show)
 
 
 def _planner(building: Building, method: str) -> RoutePlanner:

@@ -42,6 +42,8 @@ def journeys_command(
     import json as text
 
     from waychair.cli.options.messages import sayer
+    from waychair.cli.options.progress import prepare_kernels, told_share
+    from waychair.planning.warm_up import warm_up
     from waychair.trials.travel.journey_runs import keep_record, kept_records, run_journeys, summary
     from waychair.trials.travel.journeys import JourneyRecord
 
@@ -58,8 +60,13 @@ def journeys_command(
         way = f"seed {ended}, {record.start} to {record.goal}"
         ends = f"arrived after {record.seconds:.0f} s" if record.arrived else f"not arrived: {record.why}"
         say(f"{len(records)} of {runs}: {way}: {ends}")
+        show(1.0 - (runs - len(records)) / max(len(missing), 1))
 
-    run_journeys(world, [each for each in seeds if each not in records], passengers, imu, jobs, told)
+    missing = [each for each in seeds if each not in records]
+    prepare_kernels()
+    with told_share("travelling") as show:
+        warm_up()  # here, where it is told, and not by each of the worker processes
+        run_journeys(world, missing, passengers, imu, jobs, told)
     result = summary([records[each] for each in seeds], seeds)
     if json:
         print(text.dumps(result, indent=2, allow_nan=False))

@@ -99,7 +99,8 @@ def dac_command(
     if blocks:
         _print_blocks(on_blocks(swept.log, swept.neutral, NEAR_NEUTRAL))
         return
-    fit = fit_dac(swept.log, swept.neutral, swept.body.track)
+    with options.lasting("fitting"):
+        fit = fit_dac(swept.log, swept.neutral, swept.body.track)
     options.keep(swept.name, swept.body, dac=fit.model, family=swept.family)
     if plot is not None:
         plot_fit(fit, plot)
@@ -281,14 +282,18 @@ def wheels_command(
         if recording is None or trajectory is None:
             raise BadArgument("--recording and --trajectory belong together: give both or none")
         name, body = options.real("--recording")
-        wheels = wheels_from_recording(recording, trajectory, body)
+        with options.lasting("fitting the wheels"):
+            wheels = wheels_from_recording(recording, trajectory, body)
     else:
         from waychair.simulation.simulator import Simulator
         from waychair.trials.open_hall import open_hall
 
         name, (body, settings) = options.simulated_name, options.simulated(plant)
         simulator = Simulator(open_hall(WHEELS_HALL, 0.05), body, settings, options.seed)
-        wheels = calibrate_wheels(simulator, mapped=against == "map")
+        with options.lasting("driving squares") as tell:
+            wheels = calibrate_wheels(
+                simulator, mapped=against == "map", progress=lambda way: tell(f"{way:.0f} m driven")
+            )
     options.keep(name, body, wheels=wheels)
     options.say(
         f"radius {1e3 * wheels.left_radius:.2f} mm left, {1e3 * wheels.right_radius:.2f} mm right; "
@@ -317,14 +322,17 @@ def imu_command(
 
     if recording is not None:
         name, body = options.real("--recording")
-        imu = imu_from_recording(recording)
+        with options.lasting("reading"):
+            imu = imu_from_recording(recording)
     else:
         from waychair.simulation.simulator import Simulator
         from waychair.trials.open_hall import open_hall
         from waychair.trials.simulated_drive import with_gyro
 
         name, (body, settings) = options.simulated_name, options.simulated()
-        imu = calibrate_imu(Simulator(open_hall(), body, with_gyro(settings), options.seed), seconds)
+        simulator = Simulator(open_hall(), body, with_gyro(settings), options.seed)
+        with options.progress("resting") as show:
+            imu = calibrate_imu(simulator, seconds, show)
     options.keep(name, body, imu=imu)
     rates, forces = (" ".join(f"{value:+.4f}" for value in bias) for bias in (imu.gyro_bias, imu.accel_bias))
     options.say(f"gyro bias {rates} rad/s, noise {imu.gyro_noise:.2g} rad/s/sqrt(Hz)")
@@ -350,11 +358,13 @@ def camera_command(*, options: ChairOptions = _CHAIR, recording: Path | None = N
 
     if recording is not None:
         name, body = options.real("--recording")
-        found = camera_from_recording(recording, body)
+        with options.lasting("reading"):
+            found = camera_from_recording(recording, body)
     else:
         name, (body, settings) = options.simulated_name, options.simulated()
         true = with_displaced_camera(body, options.seed)
-        found = calibrate_camera(true, nominal_mount(body), settings, options.seed)
+        with options.progress("looking round") as show:
+            found = calibrate_camera(true, nominal_mount(body), settings, options.seed, progress=show)
     options.keep(name, body, camera=mount_from_extrinsics(found))
     x, y, z = found.camera_from_laser.translation
     options.say(

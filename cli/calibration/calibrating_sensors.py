@@ -154,5 +154,5 @@ def _seen_while_turning(options: ChairOptions) -> tuple[ChairBody, list[Scan]]:
 
     body, settings = options.simulated()
     simulator = Simulator(open_hall(MASK_HALL, 0.05), body, with_legs(settings), options.seed)
-    with options.progress("turning"):
-        return body, scans_while_turning(simulator)
+    with options.progress("turning") as show:
+        return body, scans_while_turning(simulator, progress=show)

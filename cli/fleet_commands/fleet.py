@@ -104,7 +104,7 @@ def simulate_command(
     json
         Print JSON.
     """
-    from waychair.cli.options.progress import prepare_kernels, told_time
+    from waychair.cli.options.progress import part_of, prepare_kernels, told_share
     from waychair.planning.fleet.paper.plan_fwpp import Conflicts
     from waychair.simulation.graph_traffic.crowd import RightOfWay
     from waychair.trials.fleet.fleet_coordinated import coordinated_hours
@@ -132,11 +132,20 @@ def simulate_command(
     prepare_kernels()
     runs: list[FleetHours] = []
     run_hours = coordinated_hours if planner == "order" else partial(fleet_hours, conflicts=readings[planner])
-    for seed in range(seeds):
-        with told_time(f"simulating seed {seed}"):
-            runs.append(run_hours(graph, chairs=chairs, people=persons, rule=RightOfWay(rule), hours=hours, seed=seed))
-        if not json:
-            print(f"seed {seed}: {_tasks(runs[-1])}", flush=True)
+    with told_share("simulating") as show:
+        for seed in range(seeds):
+            run = run_hours(
+                graph,
+                chairs=chairs,
+                people=persons,
+                rule=RightOfWay(rule),
+                hours=hours,
+                seed=seed,
+                progress=part_of(show, seed, seeds),
+            )
+            runs.append(run)
+            if not json:
+                print(f"seed {seed}: {_tasks(run)}", flush=True)
     _print_result(graph, runs, json)
 
 

@@ -31,7 +31,7 @@ def simulate_by_order(
     json: bool,
 ) -> None:
     """Simulate chairs that drive by the coordinator's order, and print their figures; see `fleet simulate`."""
-    from waychair.cli.options.progress import prepare_kernels, told_time
+    from waychair.cli.options.progress import part_of, prepare_kernels, told_share
     from waychair.files import write_text
     from waychair.simulation.graph_traffic.crowd import MOST_PEOPLE
     from waychair.trials.fleet.fleet_graph import mean
@@ -45,24 +45,32 @@ def simulate_by_order(
     prepare_kernels()
     records: list[Json] = []
     found: list[OrderedHours] = []
-    for seed in range(seeds):
-        heard = records.append if log is not None and seed == 0 else None
-        with told_time(f"simulating seed {seed}"):
-            found.append(ordered_hours(graph, chairs=chairs, hours=hours, seed=seed, stops=stops, top=top, log=heard))
-        if not json:
-            run = found[-1]
-            told = f"seed {seed}: {len(run.delays)} tasks" + (
-                f", mean delay {mean(run.delays):.1f} s" * bool(run.delays)
+    with told_share("simulating") as show:
+        for seed in range(seeds):
+            run = ordered_hours(
+                graph,
+                chairs=chairs,
+                hours=hours,
+                seed=seed,
+                stops=stops,
+                top=top,
+                log=records.append if log is not None and seed == 0 else None,
+                progress=part_of(show, seed, seeds),
             )
-            print(told + ", locked up" * run.locked_up, flush=True)
+            found.append(run)
+            if not json:
+                delay = f", mean delay {mean(run.delays):.1f} s" * bool(run.delays)
+                print(f"seed {seed}: {len(run.delays)} tasks{delay}" + ", locked up" * run.locked_up, flush=True)
     if log is not None:
         import json as text
 
         write_text(log, "".join(text.dumps(record) + "\n" for record in records))
     bay = None
     if bays:
-        with told_time("trying the bays"):
-            bay = bay_that_helps(graph, chairs=chairs, hours=hours, seed=0, stops=stops, tries=bays, top=top)
+        with told_share("trying the bays") as show:
+            bay = bay_that_helps(
+                graph, chairs=chairs, hours=hours, seed=0, stops=stops, tries=bays, top=top, progress=show
+            )
     _print_ordered(graph, found, bay, bays, json)
 
 

@@ -83,7 +83,7 @@ def demo_command(
     )
 
     scene = demo_scene(world, chairs, seed)
-    prepare_kernels()
+    prepare_kernels(quiet)
     console = Console(stderr=True, quiet=quiet)
     if processes:
         from waychair.cli.fleet_commands.fleet_processes import run_processes

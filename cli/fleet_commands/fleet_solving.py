@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels, told_time
+from waychair.cli.options.progress import prepare_kernels, told_share
 
 
 def solve_command(
@@ -66,9 +66,9 @@ def solve_command(
     check_queries(queries, free)
     task = task_of_cells(free, [query.start for query in queries], [query.goal for query in queries])
     prepare_kernels(quiet)
-    with told_time("solving", quiet):
+    with told_share("solving", quiet) as show:
         load_kernels()
-        found = solved(task, seconds, seed)
+        found = solved(task, seconds, seed, show)
     if out is not None:
         write_json(out, {"paths": np.argwhere(free)[found.paths][:, :, ::-1].tolist()})
     values = {

@@ -68,6 +68,7 @@ def guide_command(
     quiet
         Print nothing but errors.
     """
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
     from waychair.trials.guiding.guided import GuidedSetup, RiderTold, guided_drive
@@ -95,7 +96,9 @@ def guide_command(
         told=RiderTold.SEES if rider == "stick" else RiderTold.GUIDED,
         track=track,
     )
-    record = guided_drive(setup, to, 60.0 * minutes)
+    prepare_kernels(quiet)
+    with told_time("leading the rider", quiet) as tell:
+        record = guided_drive(setup, to, 60.0 * minutes, lambda metres: tell(f"{metres:.0f} m on the way to {goal}"))
     if out is not None:
         save_report(record, setup, out)
     if track is not None and sound is not None:

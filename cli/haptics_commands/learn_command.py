@@ -55,6 +55,7 @@ def learn_command(
     quiet
         Print nothing but errors.
     """
+    from waychair.cli.options.progress import prepare_kernels, told_share
     from waychair.control.haptics.patterns import vocabulary
     from waychair.control.haptics.profile import HapticsProfile, load_profile
     from waychair.runtime.haptics.learning_game import play_game, summary
@@ -75,8 +76,15 @@ def learn_command(
     words = vocabulary(rider.layout)
 
     def play(player: Player) -> list[GameAnswer]:
-        return list(play_game(player, words, learner, 60.0 * minutes, seed))
+        heard: list[GameAnswer] = []
+        began_ns = player.now_ns
+        with told_share("playing", quiet) as show:
+            for answer in play_game(player, words, learner, 60.0 * minutes, seed):
+                heard.append(answer)
+                show(min(1.0, (player.now_ns - began_ns) / (60e9 * minutes)))
+        return heard
 
+    prepare_kernels(quiet)
     answers: list[GameAnswer] = []
     if driver is not None:
         with simulated_player(rider, words, driver_named(driver), seed) as simulated:

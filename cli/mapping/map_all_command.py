@@ -73,6 +73,7 @@ def map_all_command(
         Print nothing but errors.
     """
     from waychair.cli.options.messages import warn
+    from waychair.cli.options.progress import told_share
     from waychair.errors import NotAllMapped
     from waychair.offline.many.bags import listed, named_bags
     from waychair.offline.many.many_maps import INDEX, MapOptions, map_many
@@ -84,13 +85,19 @@ def map_all_command(
         for doubt in doubts:
             warn(doubt)
 
+    kept = 0
+
     def told(bag: Bag, outcome: Outcome, number: int) -> None:
+        nonlocal kept
+        kept += outcome.kept  # which took no time
+        show((number - kept) / max(len(bags) - kept, 1))
         if not quiet:
             print(f"[{number}/{len(bags)}] {_line(outcome)}", flush=True)
 
     options = MapOptions(PROCESS, _words(reading), config, limit, retry_failed)
     try:
-        maps = map_many(bags, out, options, pool, told)
+        with told_share("mapping", quiet) as show:
+            maps = map_many(bags, out, options, pool, told)
     except KeyboardInterrupt as stop:
         stop.add_note(f"run the same command again to go on: finished maps are in {out}")
         raise

@@ -136,7 +136,14 @@ def _map_scans(
     reading_s = time.process_time() - started
     if known is None:
         refuse_other(out, log.frames, settings)
-        mapping = map_recording(log, settings, progress.stage("mapping"), keep_in=out, reading_s=reading_s)
+        mapping = map_recording(
+            recording=log,
+            settings=settings,
+            progress=progress.stage("mapping"),
+            keep_in=out,
+            reading_s=reading_s,
+            checking=progress.stage("checking"),
+        )
         save_mapping(out, mapping, settings)
     else:
         if out.resolve() != known.resolve():
@@ -149,6 +156,7 @@ def _map_scans(
                 keep_in=aside,
                 progress=progress.stage("joining"),
                 reading_s=reading_s,
+                checking=progress.stage("checking"),
             )
             save_mapping(aside, mapping, settings)
     progress.warn(mapping.report["warnings"][len(log.warnings) :])

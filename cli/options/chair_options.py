@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -23,13 +23,6 @@ if TYPE_CHECKING:
 PlantName = Literal["kinematic", "mujoco"]
 JoystickFamily = Literal["hall_5v", "inductive_12v", "eight_pin_3v3"]
 """As in `calibration_file`, which is imported late."""
-
-
-class ProgressCallback(Protocol):
-    """A callback for the progress of a task."""
-
-    def __call__(self, share: float) -> None:
-        """Show that `share` (0 to 1) of the work is done."""
 
 
 @Parameter(name="*")
@@ -161,15 +154,22 @@ class ChairOptions:
             print(text)
 
     @contextmanager
-    def progress(self, what: str) -> Iterator[ProgressCallback]:
-        """Show a progress bar on standard error while the block runs."""
-        from rich.console import Console
-        from rich.progress import Progress as Bar
+    def progress(self, what: str) -> Iterator[Callable[[float], None]]:
+        """Show on standard error how far a piece of work is while the block runs, and where a kernel is compiled for it."""
+        from waychair.cli.options.progress import prepare_kernels, told_share
 
-        console = Console(file=sys.stderr, quiet=self.quiet)
-        with Bar(console=console, transient=True, disable=self.quiet) as bar:
-            task = bar.add_task(what, total=1.0)
-            yield lambda share: bar.update(task, completed=share)
+        prepare_kernels(self.quiet)
+        with told_share(what, self.quiet) as show:
+            yield show
+
+    @contextmanager
+    def lasting(self, what: str) -> Iterator[Callable[[str], None]]:
+        """Show on standard error how long work of unknown length lasts, as `progress` does; yield a callback for words on it."""
+        from waychair.cli.options.progress import prepare_kernels, told_time
+
+        prepare_kernels(self.quiet)
+        with told_time(what, self.quiet) as tell:
+            yield tell
 
 
 @Parameter(name="*")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.console import Console
 
+    from waychair.cli.options.progress import ShowStage
     from waychair.recordings.recording import InputSettings, Recording
 
 
@@ -73,25 +74,22 @@ class RecordingOptions:
 
 
 class StageProgress:
-    """Progress of each stage with its remaining time, and warnings, on standard error; without bars nothing is shown."""
+    """Progress of each stage with its remaining time, and warnings, on standard error; without a console nothing is shown."""
 
-    def __init__(self, bar: Progress | None) -> None:
-        self._bar = bar
+    def __init__(self, console: Console | None, show: ShowStage) -> None:
+        self._console, self._show = console, show
 
     def stage(self, name: str) -> Callable[[float], None]:
-        """Add a stage; return the callback for the share (0 to 1) that is done."""
-        if self._bar is None:
-            return lambda share: None
-        from waychair.cli.options.progress import stage_of
-
-        return stage_of(self._bar, name)
+        """Begin a stage; return the callback for the share (0 to 1) that is done."""
+        self._show(name, 0.0)
+        return partial(self._show, name)
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
         """Print each warning on a line."""
-        if self._bar is None:
+        if self._console is None:
             return
         for warning in warnings:
-            self._bar.console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+            self._console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
 
     def read(self, path: Path | Sequence[Path], settings: InputSettings) -> Recording:
         """Read a recording of one or several files and print its warnings."""
@@ -105,36 +103,14 @@ class StageProgress:
 @contextmanager
 def stages(quiet: bool) -> Iterator[StageProgress]:
     """Show progress while the block runs; with `quiet` only errors."""
-    from waychair.cli.options.progress import is_drawn, prepare_kernels
+    from waychair.cli.options.progress import stage_bars, told_stages
 
-    prepare_kernels(quiet)
     if quiet:
-        yield StageProgress(None)
+        with told_stages(quiet) as show:
+            yield StageProgress(None, show)
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    console = Console(file=sys.stderr)
-    with Progress(
-        *columns,
-        TextColumn("so far"),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not is_drawn(console),
-    ) as bar:
-        yield StageProgress(bar)
+    console = Console(stderr=True)  # warnings come above its bars
+    with stage_bars(console) as show:
+        yield StageProgress(console, show)

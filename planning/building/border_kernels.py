@@ -282,21 +282,42 @@ def make(net: Net, tables: Tables, within: BoolArray, afresh: bool) -> Int32Arra
 
     All of them if `afresh`, else only those that change by the former, and by the change of others.
     """
-    book, maps = tables.book, len(tables.book)
+    maps = len(tables.book)
     around, climbing = np.full(maps, afresh), np.full(maps, afresh)
     made = np.zeros(2, np.int32)
-    for m in range(maps - 1, -1, -1):
+    made[0] = make_within(net, tables, within, around, climbing, 0, maps)
+    made[1] = make_around(tables, around, climbing, 0, maps)
+    return made
+
+
+@njit(cache=True)
+def make_within(
+    net: Net, tables: Tables, within: BoolArray, around: BoolArray, climbing: BoolArray, begin: int, end: int
+) -> int:
+    """Make the tables within the marked sub-maps from `end` - 1 down to `begin`; mark what changes by them, and return how many.
+
+    `within`, `around` and `climbing` (M,) mark the sub-maps whose tables within, around and up the tree are to be made.
+    """
+    made = 0
+    for m in range(end - 1, begin - 1, -1):
         if within[m]:
             parts = solve(net, tables, m)
-            made[0] += 1
+            made += 1
             around[m] |= parts != 0
             climbing[m] |= parts & 2 != 0
             if parts & 1 and m > 0:
-                within[book[m, PARENT]] = True
-    for m in range(maps):
+                within[tables.book[m, PARENT]] = True
+    return made
+
+
+@njit(cache=True)
+def make_around(tables: Tables, around: BoolArray, climbing: BoolArray, begin: int, end: int) -> int:
+    """Make the tables around the marked sub-maps from `begin` to `end` - 1, those within all being made; return how many."""
+    made = 0
+    for m in range(begin, end):
         if around[m] and _surround(tables, m, around):
-            made[1] += 1
-        if m > 0 and climbing[book[m, PARENT]]:
+            made += 1
+        if m > 0 and climbing[tables.book[m, PARENT]]:
             _climb(tables, m)
             climbing[m] = True  # and its children, too
     return made

@@ -8,24 +8,35 @@ that no turn at a joint is lost, and lifts are arcs like others.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import pairwise
+
 import numpy as np
 
 from waychair.maps.building.costs import CLOSED_MM, DEAREST_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.border_costs import SEARCHED, costs_between, new_plan, searched, table_cost
-from waychair.planning.building.border_kernels import make
+from waychair.planning.building.border_kernels import make, make_around, make_within
 from waychair.planning.building.border_ways import query_room, table_way, way_between, ways_between
 from waychair.planning.building.graph_search import ArcWay
 from waychair.planning.building.overlay import Tables, laid_out, net_of
 from waychair.types import IntArray
 
+_PARTS = 100  # of all sub-maps, after each of which progress is told
+
 
 class BorderTables:
     """The exact tables of a graph. `graph.cost` belongs to them from now on: change it by `reprice` only."""
 
-    def __init__(self, graph: GraphArrays, tables: Tables | None = None) -> None:
+    def __init__(
+        self,
+        graph: GraphArrays,
+        tables: Tables | None = None,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        """`tables` None: they are made, while `progress` is called with the share (0 to 1) of the sub-maps that is done."""
         self.graph = graph
-        self.tables = made(graph) if tables is None else tables
+        self.tables = made(graph, progress) if tables is None else tables
         self._net = net_of(graph)
         self._room = query_room(self.tables)
         self._plan = new_plan()
@@ -88,8 +99,16 @@ class BorderTables:
         return sum(array.nbytes for array in self.tables)
 
 
-def made(graph: GraphArrays) -> Tables:
-    """Return the tables of a graph."""
-    tables = laid_out(graph)
-    make(net_of(graph), tables, np.ones(len(graph.parent), np.bool_), True)
+def made(graph: GraphArrays, progress: Callable[[float], None] = lambda share: None) -> Tables:
+    """Return the tables of a graph; `progress` is called with the share (0 to 1) of the sub-maps that is done."""
+    tables, net = laid_out(graph), net_of(graph)
+    maps = len(graph.parent)
+    within, around, climbing = (np.ones(maps, np.bool_) for _ in range(3))
+    parts = list(pairwise(np.linspace(0, maps, min(maps, _PARTS) + 1).round().astype(int).tolist()))
+    for done, (begin, end) in enumerate(reversed(parts), start=1):
+        make_within(net, tables, within, around, climbing, begin, end)
+        progress(0.5 * done / len(parts))
+    for done, (begin, end) in enumerate(parts, start=1):
+        make_around(tables, around, climbing, begin, end)
+        progress(0.5 + 0.5 * done / len(parts))
     return tables

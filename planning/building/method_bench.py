@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,16 @@ from waychair.planning.building.tetranauta import Tetranauta
 SEED = 7
 
 
-def bench(hgraph: HGraph, built: IndexedGraph, queries: int) -> list[dict[str, object]]:
+BenchProgress = Callable[[str, float], None]
+"""A callback with the name of a method and the share (0 to 1) of its queries that is done."""
+
+_PARTS = 50
+"""Parts of the queries after which progress is told; telling it is not timed."""
+
+
+def bench(
+    hgraph: HGraph, built: IndexedGraph, queries: int, progress: BenchProgress = lambda method, share: None
+) -> list[dict[str, object]]:
     """Return a row for each method: mean_us and path_us a query, length_ratio and cost_ratio to Dijkstra, wrong costs
     (those of the paper's methods are its price, no fault), bytes_per_node and build_s of its data.
 
@@ -31,39 +41,42 @@ def bench(hgraph: HGraph, built: IndexedGraph, queries: int) -> list[dict[str, o
         raise BuildingError("there are fewer than two goals: add End nodes before timing routes between them")
     rng = np.random.default_rng(SEED)
     starts, goals = (rng.choice(np.array(ends, np.int32), queries) for _ in range(2))
-    return bench_graph(built.graph, starts, goals)
+    return bench_graph(built.graph, starts, goals, progress)
 
 
-def bench_graph(graph: GraphArrays, starts: Int32Array, goals: Int32Array) -> list[dict[str, object]]:
+def bench_graph(
+    graph: GraphArrays,
+    starts: Int32Array,
+    goals: Int32Array,
+    progress: BenchProgress = lambda method, share: None,
+) -> list[dict[str, object]]:
     """Return the rows of `bench` for these queries (Q,) on a graph."""
+    progress("making the tables", 0.0)
     begun = time.perf_counter()
     tables = BorderTables(graph)
     build_s = time.perf_counter() - begun
     searches = GraphSearch(graph)
     tables.costs(starts[:1], goals[:1])  # loads the kernels
     tables.ways(starts[:1], goals[:1])
-    ways = {
-        guided: _timed(lambda s, t, guided=guided: searches.way(s, t, guided), starts, goals)  # type: ignore[misc]
-        for guided in (False, True)
-    }
-    truth, truth_us = ways[False]
+    truth, truth_us = _timed(partial(searches.way, guided=False), starts, goals, partial(progress, "dijkstra"))
+    guided, guided_us = _timed(partial(searches.way, guided=True), starts, goals, partial(progress, "astar"))
     begun = time.perf_counter()
     costs = tables.costs(starts, goals)
     mean_us = 1e6 * (time.perf_counter() - begun) / len(starts)
     begun = time.perf_counter()
     tables.ways(starts, goals)
     path_us = 1e6 * (time.perf_counter() - begun) / len(starts)
-    found, _ = _timed(tables.way, starts, goals)
+    found, _ = _timed(tables.way, starts, goals, partial(progress, "tables"))
     wrong = sum(way.cost != int(cost) for way, cost in zip(found, costs, strict=True))
     size = tables.nbytes / len(graph.xy)
     begun = time.perf_counter()
     preset = Tetranauta(graph)
     preset_s = time.perf_counter() - begun
-    printed, printed_us = _timed(preset.way, starts, goals)
-    past, past_us = _timed(searches.way_past_rooms, starts, goals)
+    printed, printed_us = _timed(preset.way, starts, goals, partial(progress, "tetranauta"))
+    past, past_us = _timed(searches.way_past_rooms, starts, goals, partial(progress, "tetranauta-without-tables"))
     rows = [
         _row("dijkstra", graph, truth, truth, truth_us, truth_us),
-        _row("astar", graph, ways[True][0], truth, ways[True][1], ways[True][1]),
+        _row("astar", graph, guided, truth, guided_us, guided_us),
         _row("tetranauta-without-tables", graph, past, truth, past_us, past_us),
         {
             **_row("tetranauta", graph, printed, truth, printed_us, printed_us),
@@ -76,13 +89,21 @@ def bench_graph(graph: GraphArrays, starts: Int32Array, goals: Int32Array) -> li
     return [*rows, {**row, "bytes_per_node": round(size, 1), "build_s": round(build_s, 4)}]
 
 
-def _timed(way: Callable[[int, int], ArcWay], starts: Int32Array, goals: Int32Array) -> tuple[list[ArcWay], float]:
+def _timed(
+    way: Callable[[int, int], ArcWay], starts: Int32Array, goals: Int32Array, progress: Callable[[float], None]
+) -> tuple[list[ArcWay], float]:
     """Return all ways, and the mean time of one [us]."""
     pairs = list(zip(starts.tolist(), goals.tolist(), strict=True))
     way(*pairs[0])
-    begun = time.perf_counter()
-    found = [way(*pair) for pair in pairs]
-    return found, 1e6 * (time.perf_counter() - begun) / len(pairs)
+    found: list[ArcWay] = []
+    took = 0.0
+    for part in np.array_split(np.arange(len(pairs)), min(_PARTS, len(pairs))):
+        asked = pairs[part[0] : part[-1] + 1]
+        begun = time.perf_counter()
+        found += [way(*pair) for pair in asked]
+        took += time.perf_counter() - begun
+        progress(len(found) / len(pairs))
+    return found, 1e6 * took / len(pairs)
 
 
 def _row(

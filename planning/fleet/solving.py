@@ -37,22 +37,32 @@ class PathSolution:
         return int(costs(self.paths).sum())
 
 
-def solved(task: Task, seconds: float, seed: int = 0) -> PathSolution:
+def solved(
+    task: Task, seconds: float, seed: int = 0, progress: Callable[[float], None] = lambda share: None
+) -> PathSolution:
     """Return the best paths found in so many seconds of this thread's processor time.
+
+    `progress` is called with the share (0 to 1) of the time that has passed.
 
     Raises:
         NoPath: an agent cannot reach its goal, or no answer was found in time.
     """
     begun = time.thread_time()
+
+    def has_time() -> bool:
+        spent = time.thread_time() - begun
+        progress(min(1.0, spent / seconds))
+        return spent < seconds
+
     rng = np.random.default_rng(seed)
     towards = steps_to(task.neighbours, task.goals)
     check_reachable(task, towards)
-    paths = _first_paths(task, towards, rng, lambda: time.thread_time() - begun < seconds)
+    paths = _first_paths(task, towards, rng, has_time)
     first_ms = 1e3 * (time.thread_time() - begun)
     bound = int(towards[np.arange(task.agents), task.starts].sum())
     for better in improvements(task, towards, paths, rng):
         paths = better
-        if time.thread_time() - begun >= seconds:
+        if not has_time():
             break
     return PathSolution(paths, bound, first_ms, fault(task, paths) == "")
 

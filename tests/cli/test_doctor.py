@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -127,6 +128,7 @@ def test_warm_compiles_everything_for_a_drive_and_the_next_command_compiles_noth
         for _ in range(2)
     ]
     assert "compiling for this computer, once" in told[0].stderr
+    assert re.search(r"^(planner|mapper|guidance|behaviour cells): \d+ s so far$", told[0].stderr, re.MULTILINE)
     assert all("compiled for this computer" in each.stdout for each in told)
     assert "compiling" not in told[1].stderr
 
@@ -134,3 +136,31 @@ def test_warm_compiles_everything_for_a_drive_and_the_next_command_compiles_noth
 def test_a_missing_speech_program_is_optional_and_has_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: None)
     assert (doctor._speech().state, doctor._speech().remedy) == (PartState.OPTIONAL, "sudo apt-get install espeak-ng")
+
+
+def test_make_demo_compiles_once_for_a_set_up_and_for_the_kernels_that_are_there(tmp_path: Path) -> None:
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(Path(__file__).parents[2] / ".ci" / "warm", tmp_path / ".ci" / "warm")
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    set_up, program, calls = tmp_path / ".venv" / ".waychair-ui", tmp_path / ".venv/bin/waychair", tmp_path / "calls"
+    set_up.write_text("first")
+    (tmp_path / "kernel.py").write_text("from numba import njit")
+
+    def warmed(exit_code: int = 0) -> int:
+        """Return how often waychair was called until the end of one more run of the script."""
+        program.write_text(f'#!/bin/sh\necho "$*" >>"{calls}"\necho "the table"\nexit {exit_code}\n')
+        program.chmod(0o755)
+        done = subprocess.run(["bash", ".ci/warm"], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert done.stdout == ""
+        assert ("the table" in done.stderr) == (exit_code != 0)
+        return len(calls.read_text().splitlines())
+
+    assert warmed(exit_code=1) == 1  # a part is missing: it is told, and tried again the next time
+    assert [warmed(), warmed()] == [2, 2]
+    (tmp_path / "kernel.py").write_text("from numba import njit, prange")
+    assert [warmed(), warmed()] == [3, 3]
+    (tmp_path / "other.py").write_text("import numpy")
+    assert warmed() == 3
+    set_up.write_text("second")
+    assert warmed() == 4
+    assert set(calls.read_text().splitlines()) == {"doctor --warm"}

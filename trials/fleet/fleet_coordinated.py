@@ -8,6 +8,7 @@ in all, and the plans' foresight among people was 1 % worse (60 seeds of an hour
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -53,10 +54,11 @@ def coordinated_hours(
     hours: float,
     seed: int,
     model: CrowdModel | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> FleetHours:
     """Return what some chairs do for some hours by the coordinator, with the starts and people of `fleet_hours`.
 
-    By the flexible rule, chair 0 has top priority.
+    By the flexible rule, chair 0 has top priority. `progress` is called with the share (0 to 1) of the hours that has passed.
 
     Raises:
         TrafficError: there are more chairs than places to be, or another number is impossible.
@@ -88,6 +90,7 @@ def coordinated_hours(
         crowd.entered()
         run.direct()
         crowd.run(end_s)
+        progress(min(1.0, crowd.now / end_s))
     return run.result.ended(crowd)
 
 

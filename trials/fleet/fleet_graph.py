@@ -7,7 +7,7 @@ at the end are not counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -190,8 +190,11 @@ def fleet_hours(
     seed: int,
     conflicts: Conflicts = Conflicts.READ,
     model: CrowdModel | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> FleetHours:
     """Return what some chairs do for some hours by the paper's protocol; by the flexible rule chair 0 has top priority.
+
+    `progress` is called with the share (0 to 1) of the hours that has passed.
 
     Raises:
         TrafficError: there are more chairs than places to be, or another number is impossible.
@@ -230,6 +233,7 @@ def fleet_hours(
             _tell_progress(crowd, planner, range(chairs))
             _search_again(crowd, planner, entered, goal_of)
         crowd.run(hours * 3600.0)
+        progress(min(1.0, crowd.now / (hours * 3600.0)))
     return result.ended(crowd)
 
 

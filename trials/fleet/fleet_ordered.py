@@ -81,8 +81,11 @@ class OrderedChairs:
     top: int | None = None
     log: Callable[[Json], None] | None = None
 
-    def run(self, until_ms: int) -> bool:
-        """Let time pass; return whether the chairs have not locked each other up."""
+    def run(self, until_ms: int, progress: Callable[[float], None] = lambda share: None) -> bool:
+        """Let time pass; return whether the chairs have not locked each other up.
+
+        `progress` is called with the share (0 to 1) of the time until then.
+        """
         if not self.events:
             self._tell(order_record(self.order, 0))
             for chair in self.order.chains:
@@ -91,6 +94,7 @@ class OrderedChairs:
         while self.events and self.events[0][0] <= until_ms:
             self.now_ms, chair = heapq.heappop(self.events)
             self._act(chair)
+            progress(self.now_ms / until_ms)
             if self._is_locked():
                 return False
         return bool(self.events)

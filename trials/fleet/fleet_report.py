@@ -88,17 +88,18 @@ def ordered_hours(
     rounds: int = 30,
     top: int | None = None,
     log: Callable[[Json], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> OrderedHours:
     """Return what some chairs do for some hours that go from place to place by the coordinator's order.
 
-    `top` is the chair of top priority, `log` hears every record for the audit.
+    `top` is the chair of top priority, `log` hears every record for the audit, `progress` the share (0 to 1) that is done.
 
     Raises:
         TaskError: there are not more places than chairs.
     """
     audit = Audit()
     world = chairs_on(graph, chairs, seed, stops=stops, audit=audit, log=log, rounds=rounds, top=top)
-    going = world.run(round(hours * 3.6e6))
+    going = world.run(round(hours * 3.6e6), progress)
     waited: Counter[str] = Counter()
     for each in audit.ended:
         waited[each["place"]] += each["real_s"]
@@ -169,16 +170,38 @@ def with_bay(graph: TrafficGraph, node: str) -> TrafficGraph:
 
 
 def bay_that_helps(
-    graph: TrafficGraph, *, chairs: int, hours: float, seed: int, stops: Stops, tries: int, top: int | None = None
+    graph: TrafficGraph,
+    *,
+    chairs: int,
+    hours: float,
+    seed: int,
+    stops: Stops,
+    tries: int,
+    top: int | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> BestBay | None:
     """Return where one bay saves most for some chairs in some hours, with the same tasks and stops; None if none saves any.
+
+    `progress` is called with the share (0 to 1) of the runs that is done.
 
     Raises:
         TaskError: there are not more places than chairs.
     """
 
+    runs_done = 0
+
     def run(other: TrafficGraph) -> OrderedHours:
-        return ordered_hours(other, chairs=chairs, hours=hours, seed=seed, stops=stops, top=top)
+        nonlocal runs_done
+        before, runs_done = runs_done, runs_done + 1
+        return ordered_hours(
+            other,
+            chairs=chairs,
+            hours=hours,
+            seed=seed,
+            stops=stops,
+            top=top,
+            progress=lambda share: progress((before + share) / (tries + 1)),
+        )
 
     before = run(graph)
     if not before.delays:

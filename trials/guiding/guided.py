@@ -38,7 +38,7 @@ from waychair.simulation.rider.lone_driver import LoneDriver
 from waychair.simulation.scene.contact import Contact
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.demo.demo import randomised_settings
-from waychair.trials.drive import DriveSetup, simulated_chair
+from waychair.trials.drive import DrivenWay, DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
 from waychair.trials.guiding.sound_track import SoundTrack
@@ -137,15 +137,22 @@ class GuidedRecord:
         return math.hypot(self.truth[-1, 0] - self.goal.pose.x, self.truth[-1, 1] - self.goal.pose.y)
 
 
-def guided_drive(setup: GuidedSetup, goal: Place, time_limit_s: float = 180.0) -> GuidedRecord:
-    """Drive once to a place; raises as `guided_trial`."""
-    with guided_trial(setup) as trial:
+def guided_drive(
+    setup: GuidedSetup,
+    goal: Place,
+    time_limit_s: float = 180.0,
+    progress: Callable[[float], None] = lambda metres: None,
+) -> GuidedRecord:
+    """Drive once to a place; raises as `guided_trial`. `progress` is called after each tick with the way driven [m]."""
+    with guided_trial(setup, progress) as trial:
         return trial.drive_to(goal, time_limit_s)
 
 
 @contextmanager
-def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
+def guided_trial(setup: GuidedSetup, progress: Callable[[float], None] = lambda metres: None) -> Iterator[GuidedTrial]:
     """Yield the rider of a chair at the world's start, who has chosen the level of help.
+
+    `progress` is called after each tick with the way driven [m].
 
     Raises:
         BoardBuildError: a firmware cannot be built: no C compiler.
@@ -167,7 +174,7 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
     ):
         if parts.guide is not None:
             parts.guide.leader.learner.restore(setup.known, {})
-        trial = GuidedTrial(setup, simulator, HelpedChair(simulator, chair, parts))
+        trial = GuidedTrial(setup, simulator, HelpedChair(simulator, chair, parts), DrivenWay(simulator, progress))
         trial.begin()
         yield trial
 
@@ -175,8 +182,9 @@ def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
 class GuidedTrial:
     """A rider who is led from place to place; the drives follow each other on one chair, with one glove."""
 
-    def __init__(self, setup: GuidedSetup, simulator: RecordingSimulator, helped: HelpedChair) -> None:
+    def __init__(self, setup: GuidedSetup, simulator: RecordingSimulator, helped: HelpedChair, way: DrivenWay) -> None:
         self.simulator, self.chair = simulator, helped.chair
+        self._way = way
         self._setup, self._helped = setup, helped
         self._guide = helped.parts.guide
         self._follower: Follower | None = None
@@ -307,6 +315,7 @@ class GuidedTrial:
         if self._setup.told is RiderTold.SEES:
             self.simulator.rider = self._seen_stick()
         self._note(state)
+        self._way.step()
         return state
 
     def _seen_stick(self) -> JoystickInput:

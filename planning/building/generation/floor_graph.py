@@ -7,7 +7,7 @@ in the storey's own sub-map; other rooms are children. `regenerated_storey` brin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -57,13 +57,19 @@ class Sketch:
     lost: tuple[str, ...]
 
 
-def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) -> Sketch:
+def sketch_of(
+    costmap: Costmap,
+    found: FloorRooms,
+    places: Mapping[str, Place],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Sketch:
     """Return the graph of a storey.
 
     Args:
         costmap: of the storey's map for the chair's body.
         found: rooms and openings of the same map.
         places: the storey's places by name.
+        progress: is called with the share (0 to 1) of the rooms and corridors that is done.
     """
     regions = {room.number: region_of(costmap, found.labels == room.number) for room in _drivable(found)}
     open_, shut = _passed(found, regions)
@@ -90,7 +96,7 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
             else:
                 hubs[number].points.append(door)
     lost = set(places)
-    for number, region in regions.items():
+    for done, (number, region) in enumerate(regions.items(), start=1):
         assert region is not None
         own = at.get(number, [])
         lost -= {place.name for place in own}
@@ -98,6 +104,7 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
             _fill_room(rooms[numbers[number]], region, own)
         else:
             hubs[number].fill(region, own, is_room=found.rooms[number - 1].kind is RoomKind.ROOM)
+        progress(done / len(regions))
     kept = joined_parts(costmap, storey, rooms, doorways)
     ends = {node.name for part in (kept[0], *kept[1]) for node in part.nodes if node.role == "p"}
     return Sketch(kept[0], tuple(kept[1]), tuple(kept[2]), tuple(shut), tuple(sorted(lost | (set(places) - ends))))

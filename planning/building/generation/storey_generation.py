@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,10 +71,12 @@ def generated_storey(
     places: Mapping[str, Place] | None = None,
     zones: Sequence[Zone] | None = None,
     last: Json | None = None,
+    progress: Callable[[str, float], None] = lambda part, share: None,
 ) -> Generation:
     """Return the building with the graph of a storey made from its map and places, not written yet.
 
     `places`, `zones` and the record `last` of a generation are a draft's; None for those in the building's folder.
+    `progress` is called with what is done at present, and the share (0 to 1) of it that is done.
 
     Raises:
         BuildingError: there is no such storey, it has no map, or its last record is damaged.
@@ -86,11 +89,13 @@ def generated_storey(
         raise BuildingError(f"storey '{storey}' has no map: add one with waychair building add --map")
     grid = load_map(folder)
     costmap = costmap_from_grid(grid, body, zones=load_zones(folder) if zones is None else zones)
+    progress("finding the rooms", 0.0)
     rooms = rooms_of_grid(costmap.grid)
     last = _last_record(building.folder, storey) if last is None else last
     places = load_places(folder) if places is None else places
     known = last.get("places", {})
-    sketch = sketch_of(costmap, rooms, {name: place for name, place in places.items() if name not in known})
+    new_places = {name: place for name, place in places.items() if name not in known}
+    sketch = sketch_of(costmap, rooms, new_places, partial(progress, "laying out the ways"))
     hgraph, record = regenerated_storey(building.hgraph, storey, sketch, last)
     new = _new_places(hgraph, storey, places)
     kept = {name: point for name, point in known.items() if name in places}
