@@ -163,7 +163,7 @@ def record_tape(
 
 
 def pilots_part(tape: Tape) -> Tape:
-    """Return the tape with nothing but what the pilot takes in: a sixth of the bytes. Its pictures have no colours."""
+    """Return the tape with nothing but what the pilot takes in. Its pictures have no colours."""
     return replace(tape, ticks=tuple(_pilots_part(taped, moment) for taped, moment in tape.moments()))
 
 

@@ -39,9 +39,7 @@ from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import TICK_NS
 from waychair.types import Goal, Place, Pose2
 
-ENDS = ("arrived", "failed")
-"""Stages in which a drive has ended."""
-
+_ENDS = ("arrived", "failed")
 _ASKED_AT, _AFTER = 10, 10
 """Ticks before the goal is asked for, and after the drive has ended."""
 
@@ -69,7 +67,7 @@ class Manoeuvre:
         acts = {_ASKED_AT: ask, **{_tick(at_s): act for at_s, act in self.acts.items()}}
         tape = record_tape(setup_of(hazard), _simulator(hazard), acts, _tick(self.longest_s))
         stages = [moment.tick.stage for _, moment in tape.moments()]
-        ended = next((k for k, stage in enumerate(stages) if k > _ASKED_AT and stage in ENDS), len(stages))
+        ended = next((k for k, stage in enumerate(stages) if k > _ASKED_AT and stage in _ENDS), len(stages))
         return pilots_part(replace(tape, ticks=tape.ticks[: ended + _AFTER]))
 
 
@@ -78,7 +76,7 @@ def _tick(at_s: float) -> int:
 
 
 def _simulator(hazard: Hazard) -> Simulator:
-    """Return the simulated chair with few beams and pixels."""
+    """Return the simulated chair with few beams and pixels, and pictures without noise, so that its tapes are small."""
     sensors = hazard.sensors
     sensors = replace(
         sensors,
