@@ -1,15 +1,15 @@
 """Replay regression test: each part of a chair, fed with a recorded drive, must reproduce its reference outputs.
 
 A tape holds all inputs of a chair in a simulated drive, including the bytes of its board. Each part gets its inputs
-from the tape alone, never from another part, so that a change shows only in the part that was changed. The reference
-holds each part's outputs tick by tick. A difference names part, tick and field, with the old and the new value.
+from the tape alone, never from another part (`part_replays`), so that a change shows only in the part that was changed.
+The reference holds each part's outputs tick by tick. A difference names part, tick and field, with the old and the new
+value.
 """
 
 from __future__ import annotations
 
 import json
 import lzma
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,17 +19,11 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
-from waychair.calibration.calibration_file import ChairCalibration
-from waychair.control.drive.navigation import ACTIVE
-from waychair.control.safety.stops import STOPS, Halt
-from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.errors import BoxError, ConfigError
 from waychair.files import write_bytes
 from waychair.firmware_bridge.protocol import HelloReply
-from waychair.firmware_bridge.transports import Reconnecting, Transport
+from waychair.firmware_bridge.transports import Transport
 from waychair.runtime.black_box.box_file import (
-    LoggedHalt,
-    LoggedLocalisation,
     Moment,
     RiderRequest,
     encoded,
@@ -37,20 +31,19 @@ from waychair.runtime.black_box.box_file import (
     tick_from_state,
 )
 from waychair.runtime.chair import Chair, ChairState
-from waychair.runtime.drive_base import ChairMessage, DriveBase
-from waychair.runtime.pilot import Pilot
+from waychair.runtime.drive_base import ChairMessage
+from waychair.runtime.measured_motion import MeasuredMotion
 from waychair.simulation.simulator import Simulator
-from waychair.slam.localising.localisation import Localisation, LocalisationState
-from waychair.slam.localising.localiser import Localiser
-from waychair.slam.odometry.odometry_filter import OdometryFilter
-from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of, simulated_chair
-from waychair.types import Goal, ImuSample, Pose2, Scan, Twist, WheelTicks
+from waychair.slam.localising.localisation import Localisation
+from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, simulated_chair
+from waychair.types import Goal, ImuSample, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 
 Value: TypeAlias = float | int | bool | str | None
 Row: TypeAlias = dict[str, Value]
 """The outputs of one tick, by field."""
 
-_DIGITS = 6
+DIGITS = 6
+"""Decimals that the references keep."""
 
 TOLERANCES: Mapping[str, float] = MappingProxyType(
     {
@@ -81,6 +74,8 @@ class TapedTick:
 
     `beats`: times [ns] of the heartbeats before the tick, with the board's bytes until then. `answers`: its bytes in
     the tick. `active`: there was a goal. `odom_from_base`: the odometry at the tick's scan, None without a scan.
+    `twist_at_scan`: the measured twist then. `seen_from`: map_from_base at each of the tick's sonar readings and pictures,
+    None before the chair was localised.
     """
 
     beats: tuple[tuple[int, bytes], ...]
@@ -88,7 +83,9 @@ class TapedTick:
     told: tuple[RiderRequest, ...]
     active: bool
     moment: bytes
-    odom_from_base: Pose2 | None
+    odom_from_base: Pose2 | None = None
+    twist_at_scan: Twist | None = None
+    seen_from: tuple[Pose2 | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +109,9 @@ class Tape:
 
 
 def save_tape(path: Path, tape: Tape) -> None:
-    """Write a tape, compressed."""
-    write_bytes(path, lzma.compress(msgspec.msgpack.encode(tape), preset=9))
+    """Write a tape, compressed; numbers of numpy, as in the poses of drawn scenes, become Python's."""
+    data = msgspec.msgpack.encode(tape, enc_hook=lambda number: number.item())
+    write_bytes(path, lzma.compress(data, preset=9))
 
 
 def load_tape(path: Path) -> Tape:
@@ -142,8 +140,9 @@ def record_tape(
         taps.append(_Tap(transport))
         return taps[-1]
 
-    listener, odometry = _Listener(), OdometryFilter(setup.body)
+    listener, motion = _Listener(), MeasuredMotion(setup.body, start)
     taped: list[TapedTick] = []
+    located: Localisation | None = None
     with simulated_chair(setup, simulator, listener, wrap_transport) as chair:
         for index in range(ticks):
             if index in actions:
@@ -156,30 +155,16 @@ def record_tape(
                 heard += map(_rounded, simulator.advance(BEAT_NS))
             told, active = listener.take(), chair.navigator.active
             state = chair.step(simulator.now_ns, heard)
-            at_scan = _odometry_at_scan(odometry, heard)
             moment = encoded(Moment(tick_from_state(state, 0), tuple(heard)))
-            taped.append(
-                TapedTick(
-                    beats=tuple(beats),
-                    answers=_take_bytes(taps),
-                    told=told,
-                    active=active,
-                    moment=moment,
-                    odom_from_base=at_scan,
-                )
-            )
+            made = TapedTick(tuple(beats), _take_bytes(taps), told=told, active=active, moment=moment)
+            taped.append(_with_places(made, motion, heard, located, state.localisation))
+            located = state.localisation
     return Tape(start, tuple(taped))
 
 
-def part_replays(setup: DriveSetup) -> Mapping[str, Callable[[Tape], list[Row]]]:
-    """Return, by part name, the function from a tape to the part's outputs."""
-    calibration = calibration_of(setup)
-    return {
-        "odometry": lambda tape: _replay_odometry(tape, calibration),
-        "localiser": lambda tape: _replay_localiser(tape, setup, calibration),
-        "pilot": lambda tape: _replay_pilot(tape, setup, calibration),
-        "base": lambda tape: _replay_base(tape, setup, calibration),
-    }
+def pilots_part(tape: Tape) -> Tape:
+    """Return the tape with nothing but what the pilot takes in. Its pictures have no colours."""
+    return replace(tape, ticks=tuple(_pilots_part(taped, moment) for taped, moment in tape.moments()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,117 +243,6 @@ def load_reference(path: Path) -> ReferenceOutputs:
         raise BoxError(f"cannot read the reference {path}: {error}: update it with --update --reason") from error
 
 
-def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:
-    """Replay the odometry filter; one row per tick."""
-    filter_, rows = OdometryFilter(calibration.body), list[Row]()
-    for _, moment in tape.moments():
-        reading = None
-        for message in moment.heard:
-            if isinstance(message, WheelTicks):
-                reading = filter_.update_wheels(message)
-            elif isinstance(message, ImuSample):
-                reading = filter_.update_imu(message)
-        if reading is not None:
-            spread = 0.0 if reading.covariance is None else math.sqrt(float(np.trace(reading.covariance)))
-            pose, twist = reading.odom_from_base, reading.twist
-            values = {"slipping": filter_.slipping, "sigma": spread, "v": twist.v, "omega": twist.omega}
-            rows.append(_row(**_pose(pose), **values))
-    return rows
-
-
-def _replay_localiser(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
-    """Replay the localiser with the tape's odometry; one row per scan."""
-    known = setup.grid if setup.scanned is None else setup.scanned
-    localiser = Localiser(known, calibration.body.base_from_laser, tape.start, setup.chair.localiser)
-    rows = []
-    for taped, moment in tape.moments():
-        for scan in moment.heard:
-            if isinstance(scan, Scan) and taped.odom_from_base is not None:
-                found = localiser.process(calibration.masked(scan), taped.odom_from_base, moment.tick.twist)
-                away = math.hypot(found.remaining.x, found.remaining.y)
-                values = {"state": found.state.value, "health": found.health, "inliers": found.inliers}
-                rows.append(_row(**_pose(found.map_from_base), **values, remaining=away, jumped=found.jumped))
-    return rows
-
-
-def _replay_pilot(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
-    """Replay pilot and navigator with the tape's poses, verdicts and commands."""
-    pilot = Pilot(
-        grid=setup.grid,
-        places=setup.places,
-        body=calibration.body,
-        settings=setup.chair,
-        stops=calibration.stops,
-        zones=setup.zones,
-    )
-    rows = []
-    for taped, moment in tape.moments():
-        tick = moment.tick
-        for told in taped.told:
-            if told.what == "go":
-                pilot.go(*told.goals)
-        for scan in moment.heard:
-            if isinstance(scan, Scan) and tick.located is not None:
-                pilot.see(calibration.masked(scan), _localisation(tick.located, tick.map_from_base), tick.twist)
-        pilot.expire(tick.stamp_ns)
-        halt = None if tick.halt is None else _halt(tick.halt)
-        pilot.obey(SupervisorVerdict(tick.mode, tick.reason, tick.share, halt, drops_goal=tick.drops_goal))
-        map_from_odom = None if tick.located is None else tick.located.map_from_odom
-        found = pilot.step(tick.stamp_ns, tick.map_from_base, map_from_odom)
-        pilot.note_sent(tick.command if tick.sent.active else None, "")
-        way = 0.0 if found.path is None else found.path.length()
-        values = {"stage": found.stage.value, "reason": found.reason, "plans": found.plans, "goals": found.goals}
-        rows.append(_row(**values, v=found.twist.v, omega=found.twist.omega, way=way))
-    return rows
-
-
-def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
-    """Replay supervisor, limiter, monitor and bridge with the tape's board bytes and localisations."""
-    board = _Replayed()
-    cable = Reconnecting(lambda: board)
-    base = DriveBase(
-        calibration=calibration,
-        cable=cable,
-        start=tape.start,
-        settings=setup.chair,
-        model=setup.calibration,
-        zones=setup.zones,
-    )
-    asks = {"go": base.request, "confirm": base.confirm, "stop": base.stop, "reset": base.reset}
-    rows = []
-    for taped, moment in tape.moments():
-        tick = moment.tick
-        for told in taped.told:
-            asks[told.what]()
-        for now_ns, said in taped.beats:
-            board.say(said)
-            base.beat(now_ns)
-        for message in moment.heard:
-            base.hear(base.with_true_stamp(message))
-            if isinstance(message, Scan) and tick.located is not None:
-                base.locate(_localisation(tick.located, tick.map_from_base), message.stamp_ns)
-        board.say(taped.answers)
-        verdict, _ = base.supervise(tick.stamp_ns, taped.active)
-        drives = tick.stage in {stage.value for stage in ACTIVE}
-        driven = base.drive(tick.stamp_ns, verdict, tick.asked if drives else None)
-        command = driven.command or Twist()
-        rows.append(
-            _row(
-                mode=verdict.mode.value,
-                halts=" ".join(sorted(halted.stop.id for halted in base.halts)),
-                reason=verdict.reason,
-                commands=driven.command is not None,
-                v=command.v,
-                omega=command.omega,
-                active=driven.sent.active,
-                forward_volts=driven.sent.forward_volts,
-                turn_volts=driven.sent.turn_volts,
-                **_pose(base.motion.map_from_base(tick.stamp_ns)),
-            )
-        )
-    return rows
-
-
 class _Tap:
     """A transport that keeps the bytes that were read."""
 
@@ -393,32 +267,6 @@ class _Tap:
 
     def close(self) -> None:
         self._transport.close()
-
-
-class _Replayed:
-    """A transport that delivers the given bytes and accepts everything written."""
-
-    closed = False
-
-    def __init__(self) -> None:
-        self._says = b""
-
-    def say(self, data: bytes) -> None:
-        """Append bytes to be read."""
-        self._says += data
-
-    def write(self, data: bytes) -> bool:
-        return True
-
-    def read(self) -> bytes:
-        data, self._says = self._says, b""
-        return data
-
-    def fileno(self) -> int:
-        return -1
-
-    def close(self) -> None:
-        pass
 
 
 class _Listener:
@@ -446,6 +294,16 @@ def _take_bytes(taps: list[_Tap]) -> bytes:
     return data
 
 
+def _pilots_part(taped: TapedTick, moment: Moment) -> TapedTick:
+    heard = tuple(
+        replace(message, image=np.zeros(message.depth.shape, np.uint8)) if isinstance(message, RgbdFrame) else message
+        for message in moment.heard
+        if isinstance(message, Scan | SonarReadings | RgbdFrame)
+    )
+    kept = encoded(Moment(replace(moment.tick, telemetry=None), heard))
+    return replace(taped, beats=(), answers=b"", moment=kept)
+
+
 def _rounded(message: ChairMessage) -> ChairMessage:
     if isinstance(message, Scan):
         return replace(message, ranges=np.round(message.ranges, 3))
@@ -454,40 +312,29 @@ def _rounded(message: ChairMessage) -> ChairMessage:
     return message
 
 
-def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[ChairMessage]) -> Pose2 | None:
-    at_scan = None
+def _with_places(
+    taped: TapedTick,
+    motion: MeasuredMotion,
+    heard: Sequence[ChairMessage],
+    before: Localisation | None,
+    after: Localisation | None,
+) -> TapedTick:
+    """Return the tick with the chair's places and twist at its scan, sonar readings and pictures.
+
+    `before` and `after`: the localisation until the tick's scan, and from it on.
+    """
+    located, seen_from = before, list[Pose2 | None]()
     for message in heard:
-        if isinstance(message, WheelTicks):
-            odometry.update_wheels(message)
-        elif isinstance(message, ImuSample):
-            odometry.update_imu(message)
-        elif isinstance(message, Scan):
-            at_scan = odometry.predict(message.stamp_ns).odom_from_base
-    return at_scan
-
-
-def _localisation(located: LoggedLocalisation, map_from_base: Pose2) -> Localisation:
-    return Localisation(
-        map_from_base=map_from_base,
-        map_from_odom=located.map_from_odom,
-        inliers=located.inliers,
-        state=LocalisationState(located.state),
-        health=located.health,
-        remaining=located.remaining,
-        jumped=located.jumped,
-    )
-
-
-def _halt(halted: LoggedHalt) -> Halt:
-    return Halt(STOPS[halted.id], halted.text)
-
-
-def _pose(pose: Pose2) -> dict[str, Value]:
-    return {"x": pose.x, "y": pose.y, "theta": pose.theta}
-
-
-def _row(**values: Value) -> Row:
-    return {name: round(value, _DIGITS) if isinstance(value, float) else value for name, value in values.items()}
+        if isinstance(message, WheelTicks | ImuSample):
+            motion.hear(message)
+        elif isinstance(message, Scan) and motion.odometry is not None:
+            located = after
+            odom_from_base = motion.odom_from_base(message.stamp_ns)
+            taped = replace(taped, odom_from_base=odom_from_base, twist_at_scan=motion.twist)
+        elif isinstance(message, SonarReadings | RgbdFrame):
+            odom_from_base = motion.odom_from_base(message.stamp_ns)
+            seen_from.append(None if located is None else located.map_from_odom @ odom_from_base)
+    return replace(taped, seen_from=tuple(seen_from))
 
 
 def _tolerance(part: str, field: str) -> float:

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from evaluation.runs.part_replays import part_replays
 from evaluation.runs.replay import (
     IGNORED,
     TOLERANCES,
@@ -19,7 +20,6 @@ from evaluation.runs.replay import (
     differences,
     load_reference,
     load_tape,
-    part_replays,
     save_reference,
     save_tape,
 )
