@@ -50,6 +50,7 @@ class Advice:
     `number` identifies it: the same number in later ticks is the same advice, which is not said again unless the rider
     ignores it; a second nudge needs a new number. Advice that has not begun by `valid_until_ns` is dropped: late advice
     is worse than none. `direction` [rad] is of OBSTACLE_AT, to the left of straight ahead. `reason` is for text and log.
+    `spoken`: its reason is spoken anyway, so that the voice says nothing else.
     """
 
     symbol: Symbol
@@ -57,3 +58,4 @@ class Advice:
     valid_until_ns: int
     direction: float | None = None
     reason: str = ""
+    spoken: bool = False

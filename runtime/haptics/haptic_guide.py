@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.commands import Signal, SignalKind
@@ -65,11 +65,11 @@ _SCANLESS_NS = 1_000_000_000
 AGAIN_NS = 1_500_000_000
 """Two presses of the glove's button within this time ask where the chair is."""
 
-_LOST_NUMBER, _OVERRIDE_NUMBER = 900_000_000, 900_000_001
-"""Numbers of the warnings of a lost pose and of an override, beyond those of guide and cells."""
+_LOST_NUMBER, _OVERRIDE_NUMBER, _NOTICE_NUMBER = 900_000_000, 900_000_001, 900_000_002
+"""Numbers of the warnings of a lost pose and of an override, and of the first notice, beyond those of guide and cells."""
 
-_WARNING_NS = 500_000_000
-"""ns for which a warning may still begin."""
+_WARNING_NS, _NOTICE_NS = 500_000_000, 5_000_000_000
+"""ns for which a warning may still begin, and a call for attention, which waits until the chair is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +80,18 @@ class _Asked:
     where: bool = False
     pressed_ns: int = -(10**18)
     again_ns: int | None = None
+
+
+@dataclass(slots=True)
+class _Told:
+    """What was told of at the last tick, so that its change is told: the level, why the rider waits, what held the chair, whether it
+    creeps; and the call for attention to the last notice."""
+
+    level: str = ""
+    waits: bool = False
+    led_on: str = ""
+    creeps: bool = False
+    notice: Advice = field(default_factory=lambda: Advice(Symbol.ATTENTION, _NOTICE_NUMBER, -1))
 
 
 @dataclass(slots=True)
@@ -137,7 +149,7 @@ class HapticGuide:
         self.state = HapticState(0)
         self._cells = CellMemory()
         self._asked = _Asked()
-        self._level_told, self._waits, self._led_on, self._creeps = "", False, "", False
+        self._before = _Told()
         self._answers = OppositeAnswers()
 
     def lead(self, goal: Place) -> None:
@@ -268,6 +280,8 @@ class HapticGuide:
             wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + _WARNING_NS, reason=withheld))
         if _overrides(now):
             wanted.append(Advice(Symbol.WARNING, _OVERRIDE_NUMBER, now.now_ns + _WARNING_NS, reason=OVERRIDE_WARNING))
+        if not _moves(now.twist):
+            wanted.append(self._before.notice)
         return [*wanted, *now.others]
 
     def _again(self, now: HapticInputs, withheld: bool) -> Advice | None:
@@ -303,24 +317,35 @@ class HapticGuide:
         """Return a sentence to be spoken besides symbols: an answer, a new level of help, an offer, or the end of leading."""
         if self._asked.where:
             return where_words(now.pose, self.around(), self.leader.step_words)
-        if now.level_told != self._level_told:
-            self._level_told = now.level_told
+        before = self._before
+        if now.level_told != before.level:
+            before.level = now.level_told
             return now.level_told
-        crept, self._creeps = self._creeps, now.guard is not None and now.guard.overridden
-        if self._creeps and not crept:
+        crept, before.creeps = before.creeps, now.guard is not None and now.guard.overridden
+        if before.creeps and not crept:
             return OVERRIDE_BEGINS
-        if self.state.goal and self.leader.goal is None and not self.leader.arrived:
-            return f"You are no longer led: {self.leader.reason}."
-        waited, self._waits = self._waits, bool(self.leader.waits)
-        if self._waits and not waited:
-            return f"Wait: {self.leader.waits}."
-        led_on, self._led_on = self._led_on, self.leader.led_on
-        if self._led_on and not led_on:
-            return f"{self._led_on[0].upper()}{self._led_on[1:]}: {OTHER_STEPS}"
-        if guidance is not None and guidance.offers_repeat:
-            return f"{REPEAT_OFFER[0].upper()}{REPEAT_OFFER[1:]}."
+        notice = self._notice(guidance)
+        if notice:
+            number = before.notice.number + 1
+            before.notice = Advice(Symbol.ATTENTION, number, now.now_ns + _NOTICE_NS, reason=notice, spoken=True)
+            return notice
         if self._asked.again and again is None:
             return self.state.text or "Nothing has been said yet."
+        return ""
+
+    def _notice(self, guidance: GuideWord | None) -> str:
+        """Return a sentence that a rider has to know of who feels only: the end of leading, a wait, other steps, or an offer."""
+        before, leader = self._before, self.leader
+        if self.state.goal and leader.goal is None and not leader.arrived:
+            return f"You are no longer led: {leader.reason}."
+        waited, before.waits = before.waits, bool(leader.waits)
+        if before.waits and not waited:
+            return f"Wait: {leader.waits}."
+        led_on, before.led_on = before.led_on, leader.led_on
+        if before.led_on and not led_on:
+            return f"{before.led_on[0].upper()}{before.led_on[1:]}: {OTHER_STEPS}"
+        if guidance is not None and guidance.offers_repeat:
+            return f"{REPEAT_OFFER[0].upper()}{REPEAT_OFFER[1:]}."
         return ""
 
     def _next_asked(self, told: ToldAdvice, again: Advice | None, now_ns: int) -> _Asked:

@@ -186,13 +186,14 @@ class Teller:
     def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> ToldAdvice:
         steps = self._words.pattern(advice).steps()
         unfelt = self._feel(steps, PRIORITY[advice.symbol], valid_ms(advice, now_ns), now_ns)
-        if self._sounds is not None:
+        if self._sounds is not None and not (advice.spoken and self._profile.speech):
             felt = self._glove is not None and not unfelt
             if advice.symbol is Symbol.WARNING and (felt or self._profile.tones):
                 self._sounds.keep_quiet(now_ns)
             wording = Wording(self._profile.wording)
             self._sounds.tell(advice_words(advice, wording), advice, now_ns, interrupts)
-        return ToldAdvice(advice, advice_words(advice, Wording.FULL), steps, unfelt)
+        text = advice.reason if advice.spoken else advice_words(advice, Wording.FULL)
+        return ToldAdvice(advice, text, steps, unfelt)
 
     def _feel(self, steps: tuple[PlayStep, ...], priority: int, valid: int, now_ns: int) -> str:
         """Play a pattern on the glove if it can begin within `valid` [ms]; return why it is not felt."""

@@ -48,6 +48,32 @@ def spoken(voice: Path) -> list[str]:
     return log.read_text().splitlines()
 
 
+def test_a_rider_who_only_feels_is_called_to_attention_when_leading_ends_once_the_chair_is_at_rest(
+    rider: GuidedRider,
+) -> None:
+    rider.guide.lead(DESK)
+    rider.run(1500)
+    rider.twist = Twist(0.3)
+    rider.guide.end("a test has ended it")
+    began, count = rider.now_ms, rider.states[-1].count
+    assert rider.run(1000).symbol == ""  # the sentence alone while the chair moves
+    assert rider.felt(began) == set()
+    rider.twist = Twist()
+    state = rider.run(1500)
+    assert (state.symbol, state.text) == ("attention", "You are no longer led: a test has ended it.")
+    assert rider.felt(began) == {4}
+    assert state.count == count + 2  # once
+
+
+def test_attention_cuts_no_sentence_short(voice: Path) -> None:
+    with GuidedRider(voice=voice) as rider:
+        rider.guide.lead(DESK)
+        rider.run(1500)
+        rider.guide.end("a test has ended it")
+        assert rider.run(1500).symbol == "attention"
+    assert spoken(voice)[-1] == "You are no longer led: a test has ended it."
+
+
 def test_a_rider_who_is_led_feels_the_first_step_and_the_state_names_it(rider: GuidedRider) -> None:
     began = rider.now_ms
     assert rider.run(200).count == 0  # nobody is led yet
