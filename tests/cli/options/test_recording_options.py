@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import signal
-import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,15 +12,12 @@ import numpy as np
 import pytest
 
 from tests.bags import SECOND, Bag, room_ranges
-from tests.cli.command import WAYCHAIR, refused, waychair
+from tests.cli.command import refused, waychair
 from tests.full_disk import content, files_up_to
-from waychair import config
 from waychair.errors import OutputError
 from waychair.offline.mapping import MappingSettings, map_recording, save_mapping
 from waychair.recordings.recording import InputSettings, Recording, read_recording, read_tum
 from waychair.types import Pose2
-
-RESULTS = ("trajectory.tum", "map.pgm", "map.yaml", "graph.g2o", "config.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -120,38 +115,6 @@ def test_a_mount_that_contradicts_the_motion_is_corrected_with_a_warning(data_di
     assert "the lidar: its mount is not as told" in told
     yaw = float(told.partition("They agree best with --base-from-laser ")[2].split(",")[2])
     assert abs(yaw) < 0.05
-
-
-def kept_often(folder: Path) -> Path:
-    path = folder / "often.yaml"
-    config.save(MappingSettings(checkpoint_interval=0.0), path)
-    return path
-
-
-@pytest.mark.nightly
-def test_a_killed_run_resumes_and_gives_the_same_map(data_dir: Path, tmp_path: Path) -> None:
-    log, settings = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", kept_often(tmp_path)
-    arguments = [str(WAYCHAIR), "map", str(log), "--config", str(settings), "--quiet", "--out"]
-    running = subprocess.Popen([*arguments, str(tmp_path / "killed")])
-    checkpoint = tmp_path / "killed" / "checkpoint.npz"
-    while running.poll() is None and not checkpoint.exists():
-        time.sleep(0.005)
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    assert checkpoint.exists(), "the run was over before it could be killed"
-    assert not (tmp_path / "killed" / "map.yaml").exists()
-    assert waychair(*arguments[1:], tmp_path / "killed").returncode == 0
-    assert waychair(*arguments[1:], tmp_path / "whole").returncode == 0
-    for name in RESULTS:
-        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
-    assert json.loads((tmp_path / "killed" / "report.json").read_text())["resumed_at_frame"] > 0
-    assert json.loads((tmp_path / "whole" / "report.json").read_text())["resumed_at_frame"] == 0
-    assert {path.name for path in (tmp_path / "killed").iterdir()} == {
-        *RESULTS,
-        "report.json",
-        "report.html",
-        "session.npz",
-    }
 
 
 def interrupted(recording: Recording, settings: MappingSettings, folder: Path, at: float) -> KeyboardInterrupt:
