@@ -49,6 +49,7 @@ _MIN_INLIERS = 0.3  # a match with a smaller share of points on surfaces is not 
 _GUESS_DOUBT = 100.0  # without odometry, a motion that is continued has so much less information
 _DOUBTS = 2  # scans in a row that contradict the key scans before a tear is declared
 _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
+_UNSEEN = 10  # scans in a row; fewer that do not show the motion along a corridor matter little
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
 _TRACK_FARTHEST = 0.3  # m; a scan that is aligned farther from the odometry's pose has slid along a corridor
@@ -262,6 +263,8 @@ class Mapper:
                     settings=settings.matching,
                 )
                 pose, inliers = found.pose, found.inliers
+                self._state.unseen = self._state.unseen + 1 if found.degenerate else 0
+                self.counts["motion_unseen"] += self._state.unseen > _UNSEEN
             if self._state.odometry is not None and math.hypot(pose.x - guess.x, pose.y - guess.y) > _TRACK_FARTHEST:
                 inliers = 0.0
             matched = len(scan) >= MIN_POINTS and inliers >= _TRACK_INLIERS
