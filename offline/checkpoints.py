@@ -17,6 +17,7 @@ import numpy as np
 
 from waychair import __version__, config
 from waychair.config import Settings
+from waychair.errors import OutputError
 from waychair.files import replacing
 from waychair.recordings.recording import Recording
 from waychair.slam.mapping.checkpoint import mapper_from_state, state_of
@@ -74,15 +75,22 @@ class Checkpoints:
         """Save the mapper with its number of frames, if it is time or the run was interrupted.
 
         Raises:
-            OutputError: the folder cannot be written to.
+            OutputError: the folder cannot be written to, or the disk is full; the checkpoint before stays.
             KeyboardInterrupt: the run was interrupted; the mapper is saved.
         """
         started = time.monotonic()
         if started < self._next and not self._asked_to_stop:
             return
         arrays: dict[str, Any] = {"fingerprint": self._fingerprint, "frames": np.array(frames), **state_of(mapper)}
-        with replacing(self.path) as aside, aside.open("wb") as file:
-            np.savez(file, **arrays)
+        try:
+            with replacing(self.path) as aside, aside.open("wb") as file:
+                np.savez(file, **arrays)
+        except OutputError as error:
+            if not self.path.exists():
+                raise
+            raise OutputError(
+                f"{error}. The same command goes on from the checkpoint before, which is whole"
+            ) from error
         if self._asked_to_stop:
             raise KeyboardInterrupt
         now = time.monotonic()

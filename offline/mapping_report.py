@@ -81,8 +81,8 @@ def mapping_report(
 
 
 def torn_warnings(result: MapperResult) -> list[str]:
-    """Return a sentence about the breaks in the scan matching that a loop closure has bridged, one about the others, and one
-    about the places where only the odometry holds the map together."""
+    """Return a sentence about the breaks in the scan matching that a loop closure has bridged, one about the others, one about
+    the places where only the odometry holds the map together, and one about scans that show no motion where there is none."""
     tears = tears_of(result)
     joined = [tear["at_s"] for tear in tears if tear["joined_again"]]
     apart = [tear["at_s"] for tear in tears if not tear["joined_again"]]
@@ -93,7 +93,13 @@ def torn_warnings(result: MapperResult) -> list[str]:
         (apart, f"do not match those before, and {lost}"),
         (odometry_joints_of(result), f"do not show the chair's motion, and {loose}"),
     )
-    return [f"{_times(times)} the scans {sentence}" for times, sentence in told if times]
+    sentences = [f"{_times(times)} the scans {sentence}" for times, sentence in told if times]
+    if unseen := result.counts.get("motion_unseen", 0):
+        sentences.append(
+            f"{unseen} scans do not show how far the chair drove along bare walls, and there is no odometry: the map may be too "
+            "short or too long there; record the drive with the wheels' odometry"
+        )
+    return sentences
 
 
 def _times(times: Sequence[float]) -> str:

@@ -23,7 +23,9 @@ from waychair.types import BoolArray, FloatArray
 MOST_WORK = 1e7
 """Products of 3 x 3 blocks in one factor of the equations, half a second; graphs that need more are sieved."""
 
-_FEW = 200  # loops; fewer make no equations dense
+MANY_LOOPS = 200
+"""Fewer loops make no equations dense, and can be judged one by one."""
+
 _FITS = 16.27  # chi-square up to which an innovation fits (99.9 % of 3 degrees of freedom)
 _CHANCE = 0.01  # largest share of the accepted loops of a round that may fit by chance
 _CHANCE_OF_ONE = 0.02  # largest probability with which a loop that is accepted may fit by chance
@@ -44,7 +46,7 @@ _TURN_REACH = 2.0  # m; a residual of one radian counts as much as this
 def is_too_dense(edges: EdgeArrays, count: int) -> bool:
     """Return whether the equations of a graph of `count` nodes take more than `MOST_WORK`."""
     loops = np.flatnonzero(edges.loop)
-    if len(loops) < _FEW:
+    if len(loops) < MANY_LOOPS:
         return False
     for every in sorted({max(1, len(loops) // _SAMPLE), 1}, reverse=True):
         kept = ~edges.loop

@@ -14,6 +14,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ from waychair.slam.graph.least_squares import (
     with_first_pose,
 )
 from waychair.slam.graph.loop_groups import group_cost, loop_groups
-from waychair.slam.graph.loop_sieve import credible_loops, is_too_dense
+from waychair.slam.graph.loop_sieve import MANY_LOOPS, credible_loops, is_too_dense
 from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
@@ -48,6 +49,9 @@ MAX_SECOND_LOOKS = 100  # rejected loops that are checked again
 LEAST_GROUP = 5  # loops; smaller groups are judged loop by loop
 MAX_DOUBTS = 6  # groups, the most doubtful first, that are left out on trial
 MAX_HEARD = 400  # loops; the largest groups up to so many loops in all are heard
+MOST_NOISE = (
+    100.0  # times the stated variance; no graph is so noisy, it has too many false loops to be judged one by one
+)
 HUBER_COST = 0.171  # -2 log of the normalisation of Huber's density in 3 dimensions against the normal one
 
 
@@ -139,6 +143,9 @@ def solving(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = Fals
         if (best.weights == 0).sum() > FEW_LOOPS:
             best = yield from _likelier(best, *(_begun_without(case, group) for group in _largest(case, best)))
         best = _without_kernel(case, (yield from _heard_by_group(case, best)))
+    if best.variance > MOST_NOISE and arrays.loop.sum() >= MANY_LOOPS:
+        with suppress(GraphError):
+            return (yield from _sieved(problem, poses, edges, solved_before))
     return _solution(best.poses, edges, arrays, best.weights > 0)
 
 
@@ -160,14 +167,14 @@ def _sieved(
 ) -> CountedSteps[Solution]:
     """Work out the solution of the credible loops and the other edges of a graph that has too many loops to be solved as a whole.
 
-    If that is still too much, the credible loops are taken as they are.
+    If that is still too much, or if all are credible, they are taken as they are.
     """
     try:
         begun, kept = yield from credible_loops(problem, poses, solved_before)
     except np.linalg.LinAlgError as error:
         raise unsolvable(poses) from error
     numbers = np.flatnonzero(kept)
-    if is_too_dense(problem.edges.take(numbers), len(poses)):
+    if kept.all() or is_too_dense(problem.edges.take(numbers), len(poses)):
         return _solution(begun, edges, problem.edges, kept)
     found = yield from solving(begun, [edges[k] for k in numbers.tolist()], solved_before)
     accepted = np.zeros(len(edges), bool)

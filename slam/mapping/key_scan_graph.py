@@ -19,6 +19,8 @@ from waychair.slam.scan.scan_matching import BEAM_SIGMA
 from waychair.slam.scan.scan_points import ScanPoints, ScanStore
 from waychair.types import FloatArray, IntArray, Pose2
 
+_CROWD = 4  # key scans; as many cover one view only where a chair stays in one room for hours
+
 
 class KeyGraph:
     """A pose graph whose node k is key scan k."""
@@ -189,30 +191,48 @@ class KeyGraph:
         _, first = np.unique(np.floor(every / cell).astype(np.int64), axis=0, return_index=True)
         return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
 
-    def path_lengths(self, node: int, limit: float) -> dict[int, float]:
-        """Return the lengths [m] of the shortest paths along the edges, from a key scan to those within `limit` [m]."""
-        poses, path_lengths, queue = self.poses, {node: 0.0}, [(0.0, node)]
-        while queue:
+    def path_lengths(self, node: int, limit: float, most: float = math.inf) -> dict[int, float]:
+        """Return the lengths [m] of the shortest paths along the edges, from a key scan to those within `limit` [m], or to the
+        `most` nearest of them."""
+        poses, best, queue = self.poses, {node: 0.0}, [(0.0, node)]
+        settled: dict[int, float] = {}
+        while queue and len(settled) < most:
             driven, here = heapq.heappop(queue)
-            if driven > path_lengths[here]:
+            if here in settled:
                 continue
+            settled[here] = driven
+            x, y = poses.item(here, 0), poses.item(here, 1)
             for there in self._neighbours[here]:
-                length = driven + math.dist(poses[here, :2], poses[there, :2])
-                if length < min(limit, path_lengths.get(there, math.inf)):
-                    path_lengths[there] = length
+                length = driven + math.hypot(poses.item(there, 0) - x, poses.item(there, 1) - y)
+                if length < min(limit, best.get(there, math.inf)):
+                    best[there] = length
                     heapq.heappush(queue, (length, there))
-        return path_lengths
+        return settled
 
-    def covering_key(self, node: int, pose: Pose2, max_path: float, distance: float, angle: float) -> int | None:
+    def covering_key(
+        self, node: int, pose: Pose2, max_path: float, distance: float, angle: float, crowded_path: float
+    ) -> int | None:
         """Return the nearest key scan that covers the view from a pose, or None.
 
         It lies within `distance` [m] and `angle` [rad] of the pose, and within `max_path` [m] of `node` along the edges, so
-        that the relative pose of the two is well known.
+        that the relative pose of the two is well known. Where a crowd of key scans covers the view within `crowded_path` [m],
+        the nearest of these will do: a chair that stays in one room for days would add key scans without end.
         """
-        poses, path_lengths = self.poses, self.path_lengths(node, max_path)
-        nodes = np.array(sorted(path_lengths))
-        away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)
-        turned = np.abs(wrap_angles(poses[nodes, 2] - pose.theta))
+        near = self.path_lengths(node, max_path)
+        if here := self._covering(np.array(sorted(near)), pose, distance, angle):
+            return here[0]
+        crowd = self._covering(np.arange(len(self)), pose, distance, angle)
+        if len(crowd) < _CROWD:
+            return None
+        reached = self.path_lengths(node, crowded_path)
+        crowd = [key for key in crowd if key in reached]
+        return crowd[0] if len(crowd) >= _CROWD else None
+
+    def _covering(self, among: IntArray, pose: Pose2, distance: float, angle: float) -> list[int]:
+        """Return those of some key scans (K,) within `distance` [m] and `angle` [rad] of a pose, the nearest first."""
+        poses = self.poses[among]
+        away = np.hypot(*(poses[:, :2] - (pose.x, pose.y)).T)
+        turned = np.abs(wrap_angles(poses[:, 2] - pose.theta))
         cost = np.where((away < distance) & (turned < angle), away / distance + turned / angle, math.inf)
-        best = int(np.argmin(cost))
-        return int(nodes[best]) if math.isfinite(cost[best]) else None
+        order = np.argsort(cost, kind="stable")
+        return [int(node) for node in among[order[: np.isfinite(cost).sum()]]]

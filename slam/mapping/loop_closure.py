@@ -134,16 +134,16 @@ def uncertain_submaps(
     away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
     uncertain, reachable = drift > _MAX_WINDOW, away < _RADIUS + _FAR_DRIFT * drift
     starts = sorted({start for start in part_starts if 0 < start <= recent})
-    members: dict[int, IntArray] = {}
+    runs: list[tuple[int, int]] = []
     for first, end in pairwise([0, *starts, recent]):
         finished = end if end in starts else end - (end - first) % size
-        members |= {k: np.arange(k, min(k + size, finished)) for k in range(first, finished, size)}
-    possible = {
-        k: nodes
-        for k, nodes in members.items()
-        if len(nodes) >= _LEAST_SUBMAP and uncertain[nodes].all() and reachable[nodes].any()
-    }
-    return dict(sorted(possible.items(), key=lambda item: float(away[item[1]].min())))
+        runs += [(k, min(k + size, finished)) for k in range(first, finished, size)]
+    firsts, ends = np.array(runs, np.int64).reshape(-1, 2).T
+    certain_before, reachable_before = (np.concatenate([[0], np.cumsum(each)]) for each in (~uncertain, reachable))
+    possible = (ends - firsts >= _LEAST_SUBMAP) & (certain_before[ends] == certain_before[firsts])
+    possible &= reachable_before[ends] > reachable_before[firsts]
+    found = [(float(away[k:end].min()), k, end) for k, end in np.array(runs)[possible].tolist()]
+    return {k: np.arange(k, end) for _, k, end in sorted(found)}
 
 
 @dataclass(slots=True)
@@ -250,10 +250,8 @@ class LoopCloser:
         edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._is_overlap_search_due():
             self._since.overlap, self._overlap_search = 0.0, CandidatesSearch(list(recent), list(near))
-        rested = keys.is_torn or self._since.submaps >= self._since.next_round  # parts that are apart have no rest
-        enough = len(recent) >= _SUBMAP_QUERY and rested and self._since.submaps >= settings.submap_spacing
-        if not edges and enough and self._submap_search is None:
-            self._begin_submap_search(keys, recent, path_lengths)
+        if not edges and len(recent) >= _SUBMAP_QUERY:
+            self._search_submaps(keys, recent, path_lengths)
         return edges
 
     def verify_recognised(
@@ -382,15 +380,17 @@ class LoopCloser:
         known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
         return overlap.OverlapSearch(query, reference, known, base, window)
 
-    def _begin_submap_search(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
-        """Begin to search the submaps that are too uncertain for a window for the latest key scans."""
+    def _search_submaps(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
+        """Note the submaps that are too uncertain for a window, and begin to search them where a search is due."""
         part_starts = keys.edge_arrays.j[keys.edge_arrays.torn].tolist() if keys.is_torn else []
         submaps = uncertain_submaps(keys.poses, path_lengths, self._settings, part_starts)
-        if not submaps:
+        self._submaps = dict.fromkeys(submaps, False) | self._submaps
+        rested = keys.is_torn or self._since.submaps >= self._since.next_round  # parts that are apart have no rest
+        is_due = rested and self._since.submaps >= self._settings.submap_spacing
+        if not submaps or not is_due or self._submap_search is not None:
             return
         self._since.submaps = 0.0
         self.counts["submap_searches"] += 1
-        self._submaps = dict.fromkeys(submaps, False) | self._submaps
         query = keys.joined_points(recent[-_SUBMAP_QUERY:], keys.pose(recent[-1]), _QUERY_CELL)
         self._submap_search = SubmapsSearch(list(recent), submaps, SubmapRound(query.points, list(submaps.items())))
 

@@ -24,7 +24,7 @@ from waychair.slam.graph.information import (
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
 from waychair.slam.mapping.carried import SLIP_CLAIMED, CarryJudge, OpenTear, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
+from waychair.slam.mapping.loop_closure import MIN_LOOP_PATH, LoopCloser, LoopRejection, LoopSettings
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
 from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, first_beyond, odometry_of, twist_of
@@ -40,6 +40,7 @@ _COVER_DISTANCE, _COVER_ANGLE = 0.3, math.radians(15)  # m, rad; a key scan this
 _COVER_PATH = 1.5  # m; longest path along the edges to a covering key scan
 _COVERED_SCANS = 3  # latest scans that are kept for the grid beside each key scan that covers them
 CERTAIN_PATH = 3.0  # m; key scans this near along the edges are matched against, too
+_MOST_CERTAIN = 150  # of these, the nearest along the edges; a chair that stays in one room for days has thousands
 _CERTAIN_STEPS, _LATEST = 6.0, 10  # or within so many mean steps between the latest key scans, if these are far apart
 _SEARCH_DISTANCE, _SEARCH_ANGLE = 0.3, 0.35  # m, rad; half window round the odometry
 _MATCHED_SHARE = 0.4  # share of that window if the scan was already aligned
@@ -48,6 +49,7 @@ _MIN_INLIERS = 0.3  # a match with a smaller share of points on surfaces is not 
 _GUESS_DOUBT = 100.0  # without odometry, a motion that is continued has so much less information
 _DOUBTS = 2  # scans in a row that contradict the key scans before a tear is declared
 _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
+_UNSEEN = 10  # scans in a row; fewer that do not show the motion along a corridor matter little
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
 _TRACK_FARTHEST = 0.3  # m; a scan that is aligned farther from the odometry's pose has slid along a corridor
@@ -77,7 +79,7 @@ class Mapper:
 
     Every frame is aligned with the surfaces of the key scans round it; every 0.2 m or 10 degrees a full match follows.
     A frame becomes a key scan only where no earlier key scan covers its view, so the graph grows with the building and
-    not with the time spent in it.
+    not with the time spent in it; nor does the work with each frame, which asks for the nearest key scans.
     """
 
     def __init__(self, settings: MapperSettings, base_from_laser: Pose2) -> None:
@@ -261,6 +263,8 @@ class Mapper:
                     settings=settings.matching,
                 )
                 pose, inliers = found.pose, found.inliers
+                self._state.unseen = self._state.unseen + 1 if found.degenerate else 0
+                self.counts["motion_unseen"] += self._state.unseen > _UNSEEN
             if self._state.odometry is not None and math.hypot(pose.x - guess.x, pose.y - guess.y) > _TRACK_FARTHEST:
                 inliers = 0.0
             matched = len(scan) >= MIN_POINTS and inliers >= _TRACK_INLIERS
@@ -338,7 +342,8 @@ class Mapper:
             return False
         here = edge.i
         pose = self.keys.pose(here) @ edge.i_from_j
-        if (key := self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE)) is None:
+        key = self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE, MIN_LOOP_PATH)
+        if key is None:
             return False
         self.counts["covered"] += 1
         self._distribute_correction(edge.i_from_j)
@@ -441,7 +446,8 @@ class Mapper:
             here = self.keys.poses[self._current_key]
             latest = self.keys.poses[self._recent_keys[-_LATEST:], :2]
             step = float(np.hypot(*np.diff(latest, axis=0).T).sum()) / max(1, len(latest) - 1)
-            certain = self.keys.path_lengths(self._current_key, max(CERTAIN_PATH, _CERTAIN_STEPS * step))
+            reach = max(CERTAIN_PATH, _CERTAIN_STEPS * step)
+            certain = self.keys.path_lengths(self._current_key, reach, _MOST_CERTAIN)
             members = np.array(sorted({*self._recent_keys, *certain}))
             near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < LOCAL_REACH
             self._reference = self.keys.reference(members[near], here, LOCAL_REACH, self.settings.matching.resolution)

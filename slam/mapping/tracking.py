@@ -33,6 +33,7 @@ class TrackingState:
     unmatched: int = 0  # frames since the latest matched scan
     doubted: int = 0  # latest scans in a row that contradict those before
     inliers: float = 1.0  # of the latest scan
+    unseen: int = 0  # latest scans in a row, without odometry, that do not show the motion along the walls
     slip: OpenTear | None = None  # that the latest match claims
     # the frame of the last full match, and those after it
     since_match: deque[TrackedFrame] = field(default_factory=lambda: deque(maxlen=_TRACKED_FRAMES))

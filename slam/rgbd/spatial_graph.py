@@ -33,7 +33,7 @@ class SpatialSolution:
 
 
 def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge]) -> SpatialSolution:
-    """Return poses that fit the edges, with node 0 fixed; the graph must be connected.
+    """Return poses that fit the edges, with node 0 fixed. Pieces that no edges connect are each solved in themselves.
 
     Kernels hold false loops off but also bend a graph without any: Huber's takes weight from every second edge of a
     graph whose noise is exactly as stated. So the plain least-squares solution is a candidate too, and the kernels

@@ -5,21 +5,19 @@ from __future__ import annotations
 import json
 import math
 import signal
-import subprocess
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.bags import SECOND, Bag, room_ranges
-from tests.cli.command import WAYCHAIR, refused, waychair
-from waychair import config
+from tests.cli.command import refused, waychair
+from tests.full_disk import content, files_up_to
+from waychair.errors import OutputError
 from waychair.offline.mapping import MappingSettings, map_recording, save_mapping
 from waychair.recordings.recording import InputSettings, Recording, read_recording, read_tum
 from waychair.types import Pose2
-
-RESULTS = ("trajectory.tum", "map.pgm", "map.yaml", "graph.g2o", "config.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -119,38 +117,6 @@ def test_a_mount_that_contradicts_the_motion_is_corrected_with_a_warning(data_di
     assert abs(yaw) < 0.05
 
 
-def kept_often(folder: Path) -> Path:
-    path = folder / "often.yaml"
-    config.save(MappingSettings(checkpoint_interval=0.0), path)
-    return path
-
-
-@pytest.mark.nightly
-def test_a_killed_run_resumes_and_gives_the_same_map(data_dir: Path, tmp_path: Path) -> None:
-    log, settings = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", kept_often(tmp_path)
-    arguments = [str(WAYCHAIR), "map", str(log), "--config", str(settings), "--quiet", "--out"]
-    running = subprocess.Popen([*arguments, str(tmp_path / "killed")])
-    checkpoint = tmp_path / "killed" / "checkpoint.npz"
-    while running.poll() is None and not checkpoint.exists():
-        time.sleep(0.005)
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    assert checkpoint.exists(), "the run was over before it could be killed"
-    assert not (tmp_path / "killed" / "map.yaml").exists()
-    assert waychair(*arguments[1:], tmp_path / "killed").returncode == 0
-    assert waychair(*arguments[1:], tmp_path / "whole").returncode == 0
-    for name in RESULTS:
-        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
-    assert json.loads((tmp_path / "killed" / "report.json").read_text())["resumed_at_frame"] > 0
-    assert json.loads((tmp_path / "whole" / "report.json").read_text())["resumed_at_frame"] == 0
-    assert {path.name for path in (tmp_path / "killed").iterdir()} == {
-        *RESULTS,
-        "report.json",
-        "report.html",
-        "session.npz",
-    }
-
-
 def interrupted(recording: Recording, settings: MappingSettings, folder: Path, at: float) -> KeyboardInterrupt:
     """Map up to a share of the recording, where the user interrupts it."""
 
@@ -178,21 +144,41 @@ def test_an_interrupted_run_resumes_only_with_the_same_input_and_settings(drive:
     assert not (tmp_path / "checkpoint.npz").exists()
 
 
-def test_an_interrupt_from_the_keyboard_saves_the_run_where_it_is(drive: Path, tmp_path: Path) -> None:
-    recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=1e6)
-    shares: list[float] = []
+def signal_at(at: float) -> Callable[[float], None]:
+    """Return a progress that presses Ctrl-C once, when a share of the recording is mapped."""
+    waiting = [at]
 
-    def interrupt(share: float) -> None:
-        shares.append(share)
-        if len(shares) == 25:
+    def press(share: float) -> None:
+        if waiting and share >= waiting[0]:
+            waiting.clear()
             signal.raise_signal(signal.SIGINT)
 
+    return press
+
+
+def test_an_interrupt_from_the_keyboard_saves_the_run_where_it_is(drive: Path, tmp_path: Path) -> None:
+    recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=1e6)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt) as caught:
-        map_recording(recording, settings, interrupt, keep_in=tmp_path)
+        map_recording(recording, settings, signal_at(0.41), keep_in=tmp_path)
     assert signal.getsignal(signal.SIGINT) is before
     assert caught.value.__notes__ == ["run the same command again to resume from its checkpoint"]
     assert map_recording(recording, settings, keep_in=tmp_path).report["resumed_at_frame"] == 26
+
+
+def test_a_full_disk_ends_the_run_in_one_sentence_and_keeps_the_checkpoint_before(drive: Path, tmp_path: Path) -> None:
+    recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=1e6)
+    with pytest.raises(KeyboardInterrupt):
+        map_recording(recording, settings, signal_at(0.3), keep_in=tmp_path)
+    before = content(tmp_path)
+    room = (tmp_path / "checkpoint.npz").stat().st_size + 500  # a checkpoint grows with the map
+    told = rf"^cannot write {tmp_path}/checkpoint\.npz: .+ disk\. The same command goes on from the checkpoint before"
+    with files_up_to(room), pytest.raises(OutputError, match=told):
+        map_recording(recording, settings, signal_at(0.8), keep_in=tmp_path)
+    assert content(tmp_path) == before
+    resumed, whole = map_recording(recording, settings, keep_in=tmp_path), map_recording(recording, settings)
+    assert resumed.report["resumed_at_frame"] == 19
+    np.testing.assert_array_equal(resumed.result.trajectory.poses, whole.result.trajectory.poses)
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 nonsense", None])

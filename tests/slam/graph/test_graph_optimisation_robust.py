@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,15 @@ def test_invalid_graphs_are_refused() -> None:
         solve(truth, [edge for edge in edges if edge.j != 50 and edge.i not in (49, 50)])
     with pytest.raises(GraphError, match="names node 79 of a graph of 40"):
         solve(truth[:40], edges)
+    pieces = np.tile(truth, (10, 1))
+    inside = [replace(edge, i=edge.i + 80 * k, j=edge.j + 80 * k) for k in range(10) for edge in edges]
+    told = "no edges connect node 80 with node 0; add one, or solve the 10 parts separately"
+    with pytest.raises(GraphError, match=told):
+        solve(pieces, inside)
+    grown = PoseGraph()
+    grown.add(pieces, inside)
+    with pytest.raises(GraphError, match=told):
+        grown.update()
     broken = Edge(0, 5, Pose2(float("nan"), 0, 0), np.eye(3), EdgeKind.LOOP)
     with pytest.raises(GraphError, match="not finite"):
         solve(truth, [*edges, broken])

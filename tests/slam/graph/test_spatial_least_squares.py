@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -91,3 +93,16 @@ def test_a_node_without_edges_has_no_chordal_start() -> None:
     truth = ball(2)
     edges = [edge for edge in tied(truth, 16, 0.01, 0.01) if 20 not in (edge.i, edge.j)]
     assert SpatialProblem(edges).chordal_start(truth[0], len(truth)) is None
+
+
+def test_ten_pieces_that_no_edges_connect_are_each_solved_in_themselves() -> None:
+    truth = ball(3, 8)
+    edges = tied(truth, 8, 0.05, 0.05)
+    start, count = chained(edges, len(truth)), len(truth)
+    alone = solve_spatial(start, edges).poses
+    places = [Pose3(turned(np.array([0.0, 0.0, 0.3 * k])), np.array([20.0 * k, 0.0, 0.0])) for k in range(10)]
+    every = [replace(edge, i=edge.i + count * k, j=edge.j + count * k) for k in range(10) for edge in edges]
+    solved = solve_spatial([place @ pose for place in places for pose in start], every).poses
+    for first in range(0, 10 * count, count):
+        moved = alone[0] @ solved[first].inverse()
+        assert apart([moved @ pose for pose in solved[first : first + count]], list(alone)) < 1e-4
