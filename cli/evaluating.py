@@ -63,6 +63,7 @@ def localize_command(
     if out.resolve() in (map.resolve(), map.resolve().parent):
         raise BadArgument(f"--out {out} is the map's folder, whose files would be overwritten: choose another one")
     with stages(quiet) as progress:
+        progress.warn(reading.without_pictures())
         log = progress.read(recordings, settings.input)
         localised = localise_recording(
             log, grid, settings, begin, progress.stage("localising"), progress.stage("checking")
@@ -75,7 +76,7 @@ def localize_command(
         print(
             f"{report['frames']} scans over {report['distance_m']:.0f} m: {states}, "
             f"{100 * report['mean_inliers']:.0f} % of the points on walls, "
-            f"{report['cpu_seconds']:.1f} s of CPU: {out}/trajectory.tum"
+            f"{report['cpu_seconds']['total']:.1f} s of CPU: {out}/trajectory.tum"
         )
 
 

@@ -52,9 +52,10 @@ def localise_recording(
     Raises:
         NoScans: the recording has no frame with a scan.
     """
-    cpu = time.process_time()
+    cpu, wall = time.process_time(), time.monotonic()
     checked = checked_recording(recording, settings.localiser.matching.range_max, checking)
     recording = replace(checked.recording, warnings=(*recording.warnings, *checked.sentences))
+    checking_cpu_s = time.process_time() - cpu
     frames = [frame for frame in recording.frames if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so the drive cannot be localised")
@@ -69,7 +70,15 @@ def localise_recording(
     known = [(frame.stamp_ns, _pose(where)) for frame, where in zip(frames, found, strict=True) if not where.lost]
     stamps = np.array([stamp for stamp, _ in known], np.int64)
     trajectory = Trajectory(stamps, np.array([pose.array() for _, pose in known]).reshape(-1, 3))
-    return LocalisedRecording(trajectory, _report(recording, checked, trajectory, found, time.process_time() - cpu))
+    total = time.process_time() - cpu
+    stages = {"checking": checking_cpu_s, "localising": total - checking_cpu_s, "total": total}
+    duration_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9
+    report = _report(recording, checked, trajectory, found) | {
+        "duration_s": round(duration_s, 3),
+        "times_real_time": round(duration_s / max(time.monotonic() - wall, 1e-3), 1),
+        "cpu_seconds": {stage: round(value, 3) for stage, value in stages.items()},
+    }
+    return LocalisedRecording(trajectory, report)
 
 
 def save_localised(folder: Path, localised: LocalisedRecording, settings: LocalisingSettings) -> None:
@@ -102,13 +111,7 @@ def _pose(found: Localisation) -> Pose2:
     return found.map_from_base @ found.remaining
 
 
-def _report(
-    recording: Recording,
-    checked: CheckedRecording,
-    trajectory: Trajectory,
-    found: list[Localisation],
-    cpu_seconds: float,
-) -> Json:
+def _report(recording: Recording, checked: CheckedRecording, trajectory: Trajectory, found: list[Localisation]) -> Json:
     states = [localisation.state for localisation in found]
     inliers = np.array([localisation.inliers for localisation in found])
     poses = trajectory.poses
@@ -127,6 +130,5 @@ def _report(
         "first_known_stamp_s": round(int(trajectory.stamps_ns[0]) * 1e-9, 6) if len(poses) else None,
         "mean_inliers": round(float(inliers.mean()), 4),
         "least_inliers": round(float(inliers.min()), 4),
-        "cpu_seconds": round(cpu_seconds, 3),
         "peak_memory_mb": round(peak_memory_mb(), 1),
     }

@@ -86,6 +86,7 @@ def map_command(
         return
     settings = _mapping_settings(config, reading, depth, vision, resolution)
     with stages(quiet) as progress:
+        progress.warn(reading.without_pictures())
         report = _map_scans(recordings, out, known, settings, progress)
     if not quiet:
         print(_map_line(report, out))

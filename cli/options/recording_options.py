@@ -72,6 +72,14 @@ class RecordingOptions:
         )
         return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
 
+    def without_pictures(self) -> tuple[str, ...]:
+        """Return a sentence for each option that changes nothing, because the recording is no folder of pictures."""
+        given = {"--camera": self.camera, "--depth-scale": self.depth_scale, "--register": self.register}
+        unused = [option for option, value in given.items() if value is not None]
+        return tuple(
+            f"{option} changes nothing: it is about folders of pictures, and this is none" for option in unused
+        )
+
 
 class StageProgress:
     """Progress of each stage with its remaining time, and warnings, on standard error; without a console nothing is shown."""

@@ -195,13 +195,23 @@ def test_a_recording_is_followed_on_its_own_map_and_evaluated(drive: Path, tmp_p
     done = waychair("localize", drive, "--map", tmp_path / "map", "--out", tmp_path / "followed", "--start", "0,0,0")
     assert done.returncode == 0, done.stderr
     assert "60 scans over 5 m: " in done.stdout
-    assert json.loads((tmp_path / "followed" / "report.json").read_text())["states"]["lost"] == 0
+    report = json.loads((tmp_path / "followed" / "report.json").read_text())
+    assert report["states"]["lost"] == 0
+    assert report["times_real_time"] > 1.0
+    assert set(report["cpu_seconds"]) == {"checking", "localising", "total"}
     assert len(read_tum(tmp_path / "followed" / "trajectory.tum").stamps_ns) == 60
     arguments = "evaluate", tmp_path / "followed" / "trajectory.tum", "--truth", tmp_path / "map" / "trajectory.tum"
     assert "60 of 60 poses, RMSE 0.0" in waychair(*arguments).stdout
     values = json.loads(waychair(*arguments, "--json").stdout)
     assert values["rmse_m"] < 0.05
     assert values["errors"]["count"] == 60
+
+
+def test_options_about_a_camera_that_change_nothing_are_told(drive: Path, tmp_path: Path) -> None:
+    done = waychair("map", drive, "--register", "auto", "--depth-scale", "1000", "-o", tmp_path / "map")
+    assert done.returncode == 0, done.stderr
+    for option in ("--depth-scale", "--register"):
+        assert f"warning: {option} changes nothing: it is about folders of pictures, and this is none" in done.stderr
 
 
 def test_localising_never_overwrites_the_map_and_needs_a_map(drive: Path, tmp_path: Path) -> None:
