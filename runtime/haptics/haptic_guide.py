@@ -47,6 +47,9 @@ OVERRIDE_WARNING = "held on, the push makes the chair creep against the guard"
 OVERRIDE_BEGINS = "The chair creeps against the guard, for ten seconds at most, while you hold the joystick."
 """The sentence with which an override by a long push begins."""
 
+UNGUARDED = "the guard begins once you let go of the joystick for two seconds"
+"""Reason for which a rider at the level guide, whom no board guards yet or any more, is told no steps."""
+
 OTHER_STEPS = "other steps lead on."
 """The end of the sentence with which a rider whom something held is led on by other steps."""
 
@@ -68,7 +71,7 @@ AGAIN_NS = 1_500_000_000
 _LOST_NUMBER, _OVERRIDE_NUMBER, _NOTICE_NUMBER = 900_000_000, 900_000_001, 900_000_002
 """Numbers of the warnings of a lost pose and of an override, and of the first notice, beyond those of guide and cells."""
 
-_WARNING_NS, _NOTICE_NS = 500_000_000, 5_000_000_000
+_WARNING_NS, _NOTICE_NS = 500_000_000, 3_000_000_000
 """ns for which a warning may still begin, and a call for attention, which waits until the chair is at rest."""
 
 
@@ -84,8 +87,8 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Told:
-    """What was told of at the last tick, so that its change is told: the level, why the rider waits, what held the chair, whether it
-    creeps; and the call for attention to the last notice."""
+    """What was told of at the last tick, so that its change is told: the level, whether the rider waits, what held the chair, whether
+    it creeps; and the call for attention to the last notice."""
 
     level: str = ""
     waits: bool = False
@@ -223,7 +226,7 @@ class HapticGuide:
         told = self._teller.tick(wanted, now.now_ns, asked=again is not None, reacted=True)
         self._note(told, guidance, again, now)
         self._watch_answers(told, now)
-        sentence = self._sentence(again, guidance, now)
+        sentence = self._sentence(again, guidance, now, withheld)
         if sentence:
             self._teller.announce(sentence, now.now_ns)
         self._asked = self._next_asked(told, again, now.now_ns)
@@ -238,7 +241,7 @@ class HapticGuide:
             self.leader.end(AS_PAPER)
         signal = None if now.computer_drives else now.signal
         told = self._teller.tell_as_paper(Signal(SignalKind.WARNING) if _overrides(now) else signal, now.now_ns)
-        sentence = self._sentence(None, None, now)
+        sentence = self._sentence(None, None, now, "")
         if sentence:
             self._teller.announce(sentence, now.now_ns)
         self._asked = _Asked()
@@ -257,6 +260,8 @@ class HapticGuide:
             leader.end("you have chosen the guard alone")
             return ""
         silence = "the chair drives by itself" if now.computer_drives else self._teller.silence(now.now_ns)
+        if now.level is HelpLevel.GUIDE and now.guard is None and not silence:
+            silence = UNGUARDED
         if silence:
             leader.look_again()
             return silence
@@ -313,7 +318,7 @@ class HapticGuide:
             answers = OppositeAnswers()
         self._answers = answers
 
-    def _sentence(self, again: Advice | None, guidance: GuideWord | None, now: HapticInputs) -> str:
+    def _sentence(self, again: Advice | None, guidance: GuideWord | None, now: HapticInputs, withheld: str) -> str:
         """Return a sentence to be spoken besides symbols: an answer, a new level of help, an offer, or the end of leading."""
         if self._asked.where:
             return where_words(now.pose, self.around(), self.leader.step_words)
@@ -324,7 +329,7 @@ class HapticGuide:
         crept, before.creeps = before.creeps, now.guard is not None and now.guard.overridden
         if before.creeps and not crept:
             return OVERRIDE_BEGINS
-        notice = self._notice(guidance)
+        notice = self._notice(guidance, withheld)
         if notice:
             number = before.notice.number + 1
             before.notice = Advice(Symbol.ATTENTION, number, now.now_ns + _NOTICE_NS, reason=notice, spoken=True)
@@ -333,14 +338,15 @@ class HapticGuide:
             return self.state.text or "Nothing has been said yet."
         return ""
 
-    def _notice(self, guidance: GuideWord | None) -> str:
+    def _notice(self, guidance: GuideWord | None, withheld: str) -> str:
         """Return a sentence that a rider has to know of who feels only: the end of leading, a wait, other steps, or an offer."""
         before, leader = self._before, self.leader
         if self.state.goal and leader.goal is None and not leader.arrived:
             return f"You are no longer led: {leader.reason}."
-        waited, before.waits = before.waits, bool(leader.waits)
+        waits = withheld if withheld == UNGUARDED else leader.waits
+        waited, before.waits = before.waits, bool(waits)
         if before.waits and not waited:
-            return f"Wait: {leader.waits}."
+            return f"Wait: {waits}."
         led_on, before.led_on = before.led_on, leader.led_on
         if before.led_on and not led_on:
             return f"{before.led_on[0].upper()}{before.led_on[1:]}: {OTHER_STEPS}"

@@ -42,6 +42,9 @@ from waychair.types import HelpLevel, Pose2, Scan, Twist
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
 
+WIDE = (1.0, 1.0, 1.0, 1.0)
+"""Caps of a board that guards and holds nothing."""
+
 OBSTACLE = Advice(Symbol.OBSTACLE_AT, 7, 1_500_000_002, math.radians(90.0), "a table")
 
 
@@ -131,7 +134,7 @@ def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harn
 
         def stand() -> None:
             now_ns = ros.node.get_clock().now().nanoseconds
-            told_guard(guard_message(now_ns, GuardView(level)))
+            told_guard(guard_message(now_ns, GuardView(level, caps=WIDE)))
             moved(odometry(now_ns, ODOM_FRAME, Pose2(), Twist()))
             located(localisation(now_ns, Localisation(START, START, 1.0, LocalisationState.OK, 1.0), "", 5))
 
@@ -187,7 +190,7 @@ def test_a_rider_is_led_through_the_next_door_without_a_map(ros: Harness) -> Non
 
         def stand() -> None:
             now_ns = ros.node.get_clock().now().nanoseconds
-            told_guard(guard_message(now_ns, GuardView(HelpLevel.GUIDE)))
+            told_guard(guard_message(now_ns, GuardView(HelpLevel.GUIDE, caps=WIDE)))
             moved(odometry(now_ns, ODOM_FRAME, START, Twist(0.0 if warned is None else 0.3)))
             seen(laser_scan(Scan(now_ns, ranges, -math.pi, math.tau / 720, range_max=10.0)))
             if perceives:

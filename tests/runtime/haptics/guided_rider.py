@@ -53,7 +53,7 @@ class GuidedRider:
         self.twist = Twist()
         self.level, self.level_told = HelpLevel.GUIDE, ""
         self.signal: Signal | None = None
-        self.guard: GuardReport | None = None
+        self.guard: GuardReport | None = GuardReport((1.0, 1.0, 1.0, 1.0))
         self.stick: JoystickInput | None = None
         self.now_ms = 0
         self.states: list[HapticState] = []

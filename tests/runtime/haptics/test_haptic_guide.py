@@ -17,7 +17,7 @@ from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.control.haptics.turned_device import IN_A_ROW
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
-from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST, OVERRIDE_BEGINS
+from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST, OVERRIDE_BEGINS, UNGUARDED
 from waychair.runtime.haptics.haptic_state import HapticInputs, RiderSurroundings
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
 
@@ -63,6 +63,23 @@ def test_a_rider_who_only_feels_is_called_to_attention_when_leading_ends_once_th
     assert (state.symbol, state.text) == ("attention", "You are no longer led: a test has ended it.")
     assert rider.felt(began) == {4}
     assert state.count == count + 2  # once
+
+
+def test_nobody_is_led_at_the_level_guide_before_the_board_guards_and_the_rider_is_told_how_it_begins(
+    rider: GuidedRider,
+) -> None:
+    rider.guard = None
+    rider.guide.lead(DESK)
+    state = rider.run(3000)
+    assert state.withheld == UNGUARDED
+    assert (state.symbol, state.text) == ("attention", f"Wait: {UNGUARDED}.")
+    assert set(rider.said()) <= {"attention", ""}
+    rider.guard = FREE
+    assert rider.run(1000).symbol == "forward"
+    rider.guard = None  # the board was unplugged
+    assert rider.run(1000).withheld == UNGUARDED
+    rider.level = HelpLevel.INFORM
+    assert rider.run(3000).withheld == ""
 
 
 def test_attention_cuts_no_sentence_short(voice: Path) -> None:
