@@ -82,7 +82,8 @@ def mapping_report(
 
 def torn_warnings(result: MapperResult) -> list[str]:
     """Return a sentence about the breaks in the scan matching that a loop closure has bridged, one about the others, one about
-    the places where only the odometry holds the map together, and one about scans that show no motion where there is none."""
+    the places where only the odometry holds the map together, and one about scans that do not show the motion
+    where there is no odometry."""
     tears = tears_of(result)
     joined = [tear["at_s"] for tear in tears if tear["joined_again"]]
     apart = [tear["at_s"] for tear in tears if not tear["joined_again"]]

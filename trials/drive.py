@@ -127,7 +127,8 @@ def drive_to_places(
 ) -> tuple[DriveRecord, ...]:
     """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
-    `progress` is called after each tick with the place and the way [m] driven to it. `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
+    `progress` is called after each tick with the place and the way [m] driven to it.
+    `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
     behaviour cells, if it has them (`ChairSettings.perceive`).
 
     Raises:

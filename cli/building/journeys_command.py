@@ -65,7 +65,8 @@ def journeys_command(
     missing = [each for each in seeds if each not in records]
     prepare_kernels()
     with told_share("travelling") as show:
-        warm_up()  # here, where it is told, and not by each of the worker processes
+        if missing:
+            warm_up()  # here, where it is told, and not by each of the worker processes
         run_journeys(world, missing, passengers, imu, jobs, told)
     result = summary([records[each] for each in seeds], seeds)
     if json:

@@ -88,8 +88,7 @@ class StageProgress:
         self._console, self._show = console, show
 
     def stage(self, name: str) -> Callable[[float], None]:
-        """Begin a stage; return the callback for the share (0 to 1) that is done."""
-        self._show(name, 0.0)
+        """Return the callback for the share (0 to 1) of a stage that is done; the stage begins with its first call."""
         return partial(self._show, name)
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:

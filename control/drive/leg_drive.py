@@ -69,7 +69,8 @@ class LegDrive:
     def __init__(
         self, leg: PathLeg, drawn: DrawnMap, body: ChairBody, straying: Straying | None = None, as_paper: bool = False
     ) -> None:
-        """`straying`: the chair's on its lines before. `as_paper`: ahead, the source paper's window drives alone."""
+        """`straying`: the chair's on its lines before. `as_paper`: ahead, the source paper's window drives, up to
+        `PAPER_ENDS` before the end."""
         self.leg = leg
         self.in_position = False
         self._body = body
@@ -115,7 +116,8 @@ class LegDrive:
         path = Path(self.leg.poses_in(view.odom_from_map))
         left = self.remaining(view.odom_from_map.inverse() @ view.pose)
         if self._as_paper and left is not None and left > PAPER_ENDS:
-            return choose_as_paper(view.answered, view.command, path, view.local(), self._body, limits)
+            slow = replace(limits, max_speed=max(0.0, min(limits.max_speed, self._fastest(view, limits))))
+            return choose_as_paper(view.answered, view.command, path, view.local(), self._body, slow)
         return choose(
             pose=view.answered,
             command=view.command,

@@ -40,5 +40,5 @@ class NavigatorSettings(Settings):
     window: Literal["own", "paper"] = setting(
         "own",
         "",
-        "drive: own, along lines where there is no room; paper, for comparison: the source paper's window alone",
+        "drive: own, along lines where there is no room; paper, for comparison: ahead by the source paper's window",
     )

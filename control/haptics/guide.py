@@ -238,11 +238,9 @@ class _Tick:
         over = self.now.held_turn or self._since_obeyed(state) > OBEYED_S  # the guard holds what has come far enough
         if not turns and left < self._swivel_from(state) and over:
             return self._leave_turn(state)
-        held = self.now.held_turn and self.now.pushes_aside  # the driver obeys already
-        at_jamb = held and self._leg(state).door is not None  # elsewhere somebody may walk by
-        if self.now.pushes_aside and self._stood(state, swivel) > (0.0 if at_jamb else STUCK_S):
+        if self.now.pushes_aside and self._stood(state, swivel) > (0.0 if self.now.held_turn else STUCK_S):
             return self._shuffle(state)
-        return self._quiet("something is in the way", state) if held else self._ask_again(swivel, reason, state)
+        return self._ask_again(swivel, reason, state)
 
     def _swivel_from(self, state: GuideState) -> float:
         if self.now.holds:

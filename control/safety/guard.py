@@ -50,6 +50,9 @@ SPOKEN = {
 }
 """The sentence of each level when it begins."""
 
+GUARD_ENDED = "The guard has ended: "
+"""The beginning of the sentence with which the level falls to inform because the board guards no longer."""
+
 UNCALIBRATED = (
     "The guard needs a chair whose joystick was measured: run `waychair calibrate dac`. You are informed only."
 )

@@ -107,7 +107,7 @@ def _show(pilot: Pilot, taped: TapedTick, moment: Moment, calibration: ChairCali
     for message in moment.heard:
         if isinstance(message, Scan) and tick.located is not None and taped.odom_from_base is not None:
             at_scan = tick.located.map_from_odom @ taped.odom_from_base
-            pilot.see(calibration.masked(message), _localisation(tick.located, at_scan), _twist_at_scan(taped, tick))
+            pilot.see(calibration.masked(message), localisation_at(tick.located, at_scan), _twist_at_scan(taped, tick))
         elif isinstance(message, SonarReadings | RgbdFrame):
             pose = next(seen_from)
             if isinstance(message, SonarReadings) and pose is not None:
@@ -140,7 +140,7 @@ def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -
         for message in moment.heard:
             base.hear(base.with_true_stamp(message))
             if isinstance(message, Scan) and tick.located is not None:
-                base.locate(_localisation(tick.located, tick.map_from_base), message.stamp_ns)
+                base.locate(localisation_at(tick.located, tick.map_from_base), message.stamp_ns)
         board.say(taped.answers)
         verdict, _ = base.supervise(tick.stamp_ns, taped.active)
         drives = tick.stage in {stage.value for stage in ACTIVE}
@@ -194,7 +194,8 @@ def _twist_at_scan(taped: TapedTick, tick: Tick) -> Twist:
     return taped.twist_at_scan or tick.twist
 
 
-def _localisation(located: LoggedLocalisation, map_from_base: Pose2) -> Localisation:
+def localisation_at(located: LoggedLocalisation, map_from_base: Pose2) -> Localisation:
+    """Return the localisation of a log, with its pose in map."""
     return Localisation(
         map_from_base=map_from_base,
         map_from_odom=located.map_from_odom,

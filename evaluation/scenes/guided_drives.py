@@ -165,7 +165,7 @@ def judged_run(
     drive: Callable[[], GuidedRecord],
     done_s: Callable[[GuidedRecord], float | None] = _arrived_s,
 ) -> GuidedRun:
-    """Let a trial drive, and return the run; `done_s` tells after what time [s] its aim was reached, by default the arrival, None: never."""
+    """Let a trial drive, and return the run; `done_s` tells when [s] its aim was reached, None: never; by default it is the arrival."""
     simulator, began_ns = trial.simulator, trial.simulator.now_ns
     contacts = simulator.contacts
     record = drive()

@@ -62,7 +62,7 @@ class TrueRider:
 
 
 def true_rider(body: ChairBody, driver: str, seed: int, motors: str = "glove_3x3") -> TrueRider:
-    """Let a driver on a chair of this seed answer the symbols that these motors play, and return what it did; raises as `guided_trial`."""
+    """Let a driver on a chair of this seed answer the symbols of these motors, and return what it did; raises as `guided_trial`."""
     world = _room()
     simulator = Simulator(world, body, randomised_settings(seed), seed)
     layout, words, config = layout_named(motors), vocabulary(motors), GloveConfig(layout=motors)

@@ -51,7 +51,7 @@ def solved(
 
     def has_time() -> bool:
         spent = time.thread_time() - begun
-        progress(min(1.0, spent / seconds))
+        progress(min(1.0, spent / max(seconds, 1e-9)))
         return spent < seconds
 
     rng = np.random.default_rng(seed)

@@ -125,8 +125,10 @@ def _at_an_end(drawn: DrawnMap, pose: Pose2, points: FloatArray, end: str) -> Re
         return None
     at = f"({group[:, 0].mean():.1f}, {group[:, 1].mean():.1f})"
     if end == "start":
-        return Obstruction(f"{_who(group)} stands close beside the chair, at {at}", "ask for room, or drive by hand")
-    return Obstruction(f"{_who(group)} stands where the goal is, at {at}", "ask for room, or choose another goal")
+        spoken = f"{_who(group)} stands close beside the chair"
+        return Obstruction(f"{spoken}, at {at}", "ask for room, or drive by hand", spoken=spoken)
+    spoken = f"{_who(group)} stands where the goal is"
+    return Obstruction(f"{spoken}, at {at}", "ask for room, or choose another goal", spoken=spoken)
 
 
 def _at_a_place(drawn: DrawnMap, place: tuple[float, float], points: FloatArray) -> Obstruction | None:

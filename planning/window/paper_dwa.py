@@ -11,8 +11,8 @@ Eqs. (8)-(11) of the source paper (intelligent wheelchair, D* Lite and DWA), all
 - eta of Eq. (11) normalises; the paper does not say how. Here each term is divided by its sum over the admissible
   candidates (as in Fox, Burgard and Thrun 1997); a term that is 0 for all of them, 0/0, contributes 0.
 
-The chair itself is driven by `dwa.choose` and along lines; the setting `chair.navigator.window: paper` drives it by these equations, up to
-the last metre of a leg, for comparison.
+The chair itself is driven by `dwa.choose` and along lines; the setting `chair.navigator.window: paper` drives it by these
+equations, up to the last metre of a leg, for comparison.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def window(measured: Twist, settings: DwaSettings) -> FloatArray:
     s, dt = settings, PERIOD
     v = np.linspace(
         max(0.0, measured.v - s.braking * dt),
-        min(s.max_speed, measured.v + s.acceleration * dt),
+        max(0.0, measured.v - s.braking * dt, min(s.max_speed, measured.v + s.acceleration * dt)),
         V_SAMPLES,
     )
     omega = np.linspace(

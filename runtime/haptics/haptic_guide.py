@@ -19,7 +19,8 @@ from waychair.control.haptics.guide_types import GuideInputs, GuideWord, StickHo
 from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.control.haptics.turned_device import OppositeAnswers
-from waychair.control.safety.guard import BLIND_WITHIN, Unscanned
+from waychair.control.safety.guard import BLIND_WITHIN, GUARD_ENDED, Unscanned
+from waychair.errors import PlanningError
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, RiderSurroundings
@@ -48,7 +49,7 @@ OVERRIDE_BEGINS = "The chair creeps against the guard, for ten seconds at most, 
 """The sentence with which an override by a long push begins."""
 
 UNGUARDED = "the guard begins once you let go of the joystick for two seconds"
-"""Reason for which a rider at the level guide, whom no board guards yet or any more, is told no steps."""
+"""Reason for which a rider at the level guide, whom no board guards yet, is told no steps."""
 
 OTHER_STEPS = "other steps lead on."
 """The end of the sentence with which a rider whom something held is led on by other steps."""
@@ -71,8 +72,8 @@ AGAIN_NS = 1_500_000_000
 _LOST_NUMBER, _OVERRIDE_NUMBER, _NOTICE_NUMBER = 900_000_000, 900_000_001, 900_000_002
 """Numbers of the warnings of a lost pose and of an override, and of the first notice, beyond those of guide and cells."""
 
-_WARNING_NS, _NOTICE_NS = 500_000_000, 3_000_000_000
-"""ns for which a warning may still begin, and a call for attention, which waits until the chair is at rest."""
+_WARNING_NS, _NOTICE_NS = 500_000_000, 30_000_000_000
+"""ns for which a warning may still begin, and a call for attention, which waits until the chair is at rest, until it was felt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +88,12 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Told:
-    """What was told of at the last tick, so that its change is told: the level, whether the rider waits, what held the chair, whether
-    it creeps; and the call for attention to the last notice."""
+    """What has been told, so that its change is told: the level, that the rider is led, why the rider waits, what held the chair,
+    whether it creeps; and the call for attention to the last notice."""
 
     level: str = ""
-    waits: bool = False
+    led: bool = False
+    waits: str = ""
     led_on: str = ""
     creeps: bool = False
     notice: Advice = field(default_factory=lambda: Advice(Symbol.ATTENTION, _NOTICE_NUMBER, -1))
@@ -164,11 +166,12 @@ class HapticGuide:
     def lead_by_odometry(self, goal: Place) -> None:
         """Lead the rider to a place in odom from now on, over the ground that the lidar shows: no map is used."""
         unmapped = self._unmapped = _ByOdometry(SeenGround(self._body))
-        self.leader.lead(goal, LedGround(lambda: unmapped.ground.ask(goal.pose), grows=True))
+        self.leader.lead(goal, LedGround(lambda: unmapped.ground.ask(goal.pose), why=lambda: _no_way_seen, grows=True))
         self._begun(goal)
 
     def _begun(self, goal: Place) -> None:
         self._answers = OppositeAnswers()
+        self._before.led, self._before.notice = True, replace(self._before.notice, valid_until_ns=-1)
         self.state = replace(self.state, goal=goal.name, arrived=False)
 
     def end(self, reason: str = "you have ended it") -> None:
@@ -224,6 +227,8 @@ class HapticGuide:
             wanted = [again, *(each for each in wanted if each.symbol is Symbol.WARNING)]
         # the guide itself counts what is ignored, so the teller need not
         told = self._teller.tick(wanted, now.now_ns, asked=again is not None, reacted=True)
+        if told.said is self._before.notice:
+            self._before.notice = replace(self._before.notice, valid_until_ns=-1)
         self._note(told, guidance, again, now)
         self._watch_answers(told, now)
         sentence = self._sentence(again, guidance, now, withheld)
@@ -258,6 +263,9 @@ class HapticGuide:
         blind = unmapped.withheld(now) if unmapped is not None else LOST if now.pose is None else ""
         if now.level is HelpLevel.GUARD:
             leader.end("you have chosen the guard alone")
+            return ""
+        if now.level_told != self._before.level and now.level_told.startswith(GUARD_ENDED):
+            leader.end("the guard has ended")
             return ""
         silence = "the chair drives by itself" if now.computer_drives else self._teller.silence(now.now_ns)
         if now.level is HelpLevel.GUIDE and now.guard is None and not silence:
@@ -339,13 +347,14 @@ class HapticGuide:
         return ""
 
     def _notice(self, guidance: GuideWord | None, withheld: str) -> str:
-        """Return a sentence that a rider has to know of who feels only: the end of leading, a wait, other steps, or an offer."""
+        """Return what a rider who only feels has to know of as well: the end of leading, a wait, other steps, or an offer."""
         before, leader = self._before, self.leader
-        if self.state.goal and leader.goal is None and not leader.arrived:
+        was_led, before.led = before.led, leader.goal is not None
+        if was_led and leader.goal is None and not leader.arrived:
             return f"You are no longer led: {leader.reason}."
         waits = withheld if withheld == UNGUARDED else leader.waits
-        waited, before.waits = before.waits, bool(waits)
-        if before.waits and not waited:
+        waited, before.waits = before.waits, waits
+        if waits and waits != waited:
             return f"Wait: {waits}."
         led_on, before.led_on = before.led_on, leader.led_on
         if before.led_on and not led_on:
@@ -385,6 +394,11 @@ class HapticGuide:
             offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and told.said is None),
             hold=StickHold() if guidance is None else guidance.hold,
         )
+
+
+def _no_way_seen(error: PlanningError, start: Pose2, goal: Pose2) -> str:
+    """Return why no steps lead on, for somebody who sees no coordinates, where nothing but the scans is known."""
+    return "no way is seen that the chair fits through"
 
 
 def _overrides(now: HapticInputs) -> bool:

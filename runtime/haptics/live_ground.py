@@ -47,7 +47,7 @@ class LiveGround:
         return self._work(self._seen)
 
     def ask_why(self) -> Callable[[PlanningError, Pose2, Pose2], str]:
-        """Return the work of finding why no steps lead from a start to a goal as it is now, in words for somebody who sees no map."""
+        """Return the work of finding why no steps lead from a start to a goal now, in words for somebody who sees no map."""
         grid, zones, seen = self._grid, self._zones, self._seen
 
         def why(error: PlanningError, start: Pose2, goal: Pose2) -> str:

@@ -95,10 +95,15 @@ class Sounds:
         return self.sounding or bool(self._waiting)
 
     @property
+    def speech(self) -> bool:
+        """Whether sentences are spoken: the rider wants them, and there is a program."""
+        return self._profile.speech and self._speech is not None
+
+    @property
     def heard(self) -> bool:
         """Whether advice can be heard: as speech, or as tones."""
         profile = self._profile
-        return (profile.speech and self._speech is not None) or (profile.tones and self._player is not None)
+        return self.speech or (profile.tones and self._player is not None)
 
     def tell(self, words: str, advice: Advice | None, now_ns: int, interrupts: bool) -> None:
         """Play the tone of advice and then speak the words, as the profile wants; None: no tone.

@@ -36,7 +36,7 @@ LOOK_NS = 1_000_000_000
 
 
 AskWhy = Callable[[], Callable[[PlanningError, Pose2, Pose2], str]]
-"""Returns the work of finding, for an error of a plan from a start to a goal, the true cause in words, for any one thread."""
+"""Returns the work of finding why a plan from a start to a goal failed, the true cause in words, for any one thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class LedGround:
 
 
 class _Refused(PlanningError):
-    """There are no steps now. `barred`: there is no way at all, wherever the chair turns; `mapped`: there is one on the map alone."""
+    """There are no steps now. `barred`: there is no way at all; `mapped`: there is one on the map alone."""
 
     def __init__(self, why: str, *, barred: bool, mapped: bool) -> None:
         super().__init__(why)
@@ -187,7 +187,7 @@ class StepLeader:
     def again(self, now: GuideInputs) -> Advice | None:
         """Return the advice that holds now, at the rider's wish; None if nothing was said. A nudge is never given twice."""
         memory = self._memory
-        if self._plan is None or memory.said is None:
+        if self._plan is None or memory.said is None or (self.waits and self._vain.barred):
             return None
         symbol = {
             LeadingPhase.GO: Symbol.FORWARD,
@@ -260,10 +260,15 @@ class StepLeader:
     def _ask(self, pose: Pose2, or_else: Callable[[Costmap], StepPlan | None] = lambda _: None) -> None:
         """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
-        planner, ground, work = self._planned.planner, self._planned.ground, self._planned.ground.now()
+        planner, ground, work, known = (
+            self._planned.planner,
+            self._planned.ground,
+            self._planned.ground.now(),
+            self.waits,
+        )
         # asked once: a rider who waits knows the cause, and that there are steps on the map alone
-        on_map = ground.mapped() if self._plan is None and ground.mapped is not None and not self.waits else None
-        find_why = ground.why() if ground.why is not None and not self.waits else None
+        on_map = ground.mapped() if self._plan is None and ground.mapped is not None and not known else None
+        find_why = ground.why() if ground.why is not None and not known else None
 
         def plan() -> StepPlan:
             costmap = work()
@@ -272,7 +277,7 @@ class StepLeader:
             except PlanningError as error:
                 if on_map is not None:
                     StepPlanner(planner.goal, planner.pose).replan(on_map(), pose)
-                why = self.waits or str(error) if find_why is None else find_why(error, pose, planner.pose)
+                why = known or str(error) if find_why is None else find_why(error, pose, planner.pose)
                 raise _Refused(why, barred=isinstance(error, NoPath), mapped=on_map is not None) from error
 
         if self._worker is not None:
@@ -300,9 +305,11 @@ class StepLeader:
             elif self._plan is not None:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
-        self._vain = replace(self._vain, why="", barred=False)
-        if plan is self._plan:
-            return  # it was looked at, and is good still
-        self._vain = replace(self._vain, blocked="", led_on=self._vain.blocked)
+        blocked = self._vain.blocked
+        self._vain = replace(self._vain, why="", barred=False, blocked="")
+        if plan is self._plan:  # it was looked at, and is good still
+            self._memory = replace(self._memory, still_ns=None)
+            return
+        self._vain = replace(self._vain, led_on=blocked)
         memory, self._plan = self._memory, plan
         self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

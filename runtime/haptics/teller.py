@@ -186,7 +186,7 @@ class Teller:
     def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> ToldAdvice:
         steps = self._words.pattern(advice).steps()
         unfelt = self._feel(steps, PRIORITY[advice.symbol], valid_ms(advice, now_ns), now_ns)
-        if self._sounds is not None and not (advice.spoken and self._profile.speech):
+        if self._sounds is not None and not (advice.spoken and self._sounds.speech):
             felt = self._glove is not None and not unfelt
             if advice.symbol is Symbol.WARNING and (felt or self._profile.tones):
                 self._sounds.keep_quiet(now_ns)

@@ -10,6 +10,7 @@ from waychair.calibration.fits.stopping import StopTable
 from waychair.control.haptics.guide_types import StickHold
 from waychair.control.safety.collision_monitor import VERDICT_MS
 from waychair.control.safety.guard import (
+    GUARD_ENDED,
     GUARDED,
     SPOKEN,
     UNCALIBRATED,
@@ -119,7 +120,7 @@ class RiderGuard:
         sent = self._bridge.limit(caps, now_ns, now_ns)
         ended = self._bridge.guard_end
         if ended:
-            self.level, self.told, self._override = HelpLevel.INFORM, f"The guard has ended: {ended}.", None
+            self.level, self.told, self._override = HelpLevel.INFORM, f"{GUARD_ENDED}{ended}.", None
         return sent
 
     def _caps(self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]) -> Caps:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from evaluation.runs.part_replays import localisation_at
 from evaluation.runs.replay import Tape, TapedTick
 
 from waychair.recordings.bags import ros_messages
@@ -18,7 +19,6 @@ from waychair.ros.messages.camera import read_rgbd
 from waychair.ros.nodes.parts.map_layout import MapLayout
 from waychair.runtime.black_box.box_file import LoggedLocalisation, Moment, Tick, encoded
 from waychair.runtime.drive_base import ChairMessage
-from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Goal, Place, Pose2, RgbdFrame, Scan, SonarReadings
 
@@ -57,15 +57,7 @@ def _reported(tick: Tick) -> Tick:
 
 def _located(tick: Tick, located: LoggedLocalisation, track: OdometryTrack) -> Tick:
     """Return the tick with the pose that localisation and odometry give."""
-    found = Localisation(
-        map_from_base=tick.map_from_base,
-        map_from_odom=located.map_from_odom,
-        inliers=located.inliers,
-        state=LocalisationState(located.state),
-        health=located.health,
-        remaining=located.remaining,
-        jumped=located.jumped,
-    )
+    found = localisation_at(located, tick.map_from_base)
     _, came, _ = chair.read_localisation_on_floor(over_the_wire(chair.localisation(tick.stamp_ns, found)))
     odom_from_base = located.map_from_odom.inverse() @ tick.map_from_base
     sent = ros_messages.odometry(tick.stamp_ns, ros_messages.ODOM_FRAME, odom_from_base, tick.twist)

@@ -94,7 +94,7 @@ class OrderedChairs:
         while self.events and self.events[0][0] <= until_ms:
             self.now_ms, chair = heapq.heappop(self.events)
             self._act(chair)
-            progress(self.now_ms / until_ms)
+            progress(self.now_ms / max(until_ms, 1))
             if self._is_locked():
                 return False
         return bool(self.events)

@@ -40,7 +40,7 @@ LAG_OFF, NUDGE_OFF = 0.08, math.radians(1.0)
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A preset of a driver, what it has to reach, the motors that it feels, and whether only after learning, or by static points only."""
+    """A preset of a driver, what it has to reach, the motors that it feels; whether only after learning, or by static points."""
 
     driver: str
     bars: GuidedBars

@@ -1,4 +1,4 @@
-"""Places by touch: simulated drivers without sight, led through buildings with and without people, to a door that is shut, and round one.
+"""Places by touch: simulated drivers without sight, led through buildings among people, to a door that is shut, and round one.
 
 `BLIND_PLACES_RUNS=2` takes so many drives of each route instead of 20; `BLIND_PLACES_ONLY="ward to bath"` takes the routes whose
 names hold this, `BLIND_PLACES_BASELINES=0` leaves out full autonomy.
@@ -131,12 +131,14 @@ def _row(route: BlindRoute, how: str) -> Json:
         return guided_row(route.name, how, found, BARS)
     arrives = not route.shut or route.leads_round
     row = guided_row(route.name, how, found, GuidedBars(BARS.share) if arrives else None)
-    row["told_why"] = sum(any(_tells_why(sentence) for sentence in each.announced) for each in found)
+    row["told_why"] = sum(any(_tells_why(sentence, route) for sentence in each.announced) for each in found)
     held = row["passed"] if arrives else not row["contacts"] and not row["reached"]
     row["passed"] = held and row["told_why"] == len(found)
     return row
 
 
-def _tells_why(sentence: str) -> bool:
-    """Return whether a sentence says that the rider has to wait, and for what, or that other steps lead on."""
-    return (sentence.startswith("Wait: ") and "door" in sentence) or sentence.endswith(OTHER_STEPS)
+def _tells_why(sentence: str, route: BlindRoute) -> bool:
+    """Return whether a sentence says that the rider has to wait for the door, or, where a way leads round, that other steps do."""
+    return (sentence.startswith("Wait: ") and "door" in sentence) or (
+        route.leads_round and sentence.endswith(OTHER_STEPS)
+    )

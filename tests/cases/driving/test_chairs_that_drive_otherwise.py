@@ -1,4 +1,7 @@
-"""Chairs that answer 0.4 s late, or turn half as fast as their file says: slower, or refused by name, but never in contact."""
+"""Chairs that answer 0.4 s late, or turn half as fast as their file says: slower, or refused by name.
+
+None touches anything but one, which is named (`_TOUCHES`).
+"""
 
 from __future__ import annotations
 

@@ -57,6 +57,17 @@ def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through(man
     assert driven(THERE + 0.4, has_sonars=True, speed=0.4, manner=manner) > 0.5
 
 
+def test_the_papers_window_keeps_a_limit_from_elsewhere() -> None:
+    grid = gapped()
+    way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
+    leg = LegDrive(PathLeg(Path(way)), DrawnMap(grid, CHAIR_A), CHAIR_A, as_paper=True)
+    free, pose, command = distance_field(grid), Pose2(1.5, MIDDLE, 0.0), Twist(0.6, 0.0)
+    for _ in range(20):
+        view = LegInput(pose, pose, command, lambda: free, Pose2(), None, fastest=0.2)
+        command = leg.step(view, DwaSettings()).twist
+    assert 0.05 < command.v < 0.21
+
+
 def test_it_slows_down_in_time_and_not_earlier() -> None:
     assert driven(THERE - 1.2, has_sonars=True) < 0.6
     assert driven(2.0, has_sonars=True) > 0.75

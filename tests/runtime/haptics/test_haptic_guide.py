@@ -15,6 +15,7 @@ from waychair.control.behaviours.sonar import Obstacle
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.control.haptics.turned_device import IN_A_ROW
+from waychair.control.safety.guard import GUARD_ENDED, SPOKEN
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
 from waychair.runtime.haptics.haptic_guide import AS_PAPER, LOST, OVERRIDE_BEGINS, UNGUARDED
@@ -76,8 +77,6 @@ def test_nobody_is_led_at_the_level_guide_before_the_board_guards_and_the_rider_
     assert set(rider.said()) <= {"attention", ""}
     rider.guard = FREE
     assert rider.run(1000).symbol == "forward"
-    rider.guard = None  # the board was unplugged
-    assert rider.run(1000).withheld == UNGUARDED
     rider.level = HelpLevel.INFORM
     assert rider.run(3000).withheld == ""
 
@@ -242,17 +241,25 @@ def test_a_pose_lost_in_the_middle_of_a_leg_warns_once_moving_and_goes_on_when_i
     assert (state.symbol, state.withheld) == ("forward", "")
 
 
-def test_a_guard_that_ends_is_told_and_the_steps_go_on_without_it(rider: GuidedRider) -> None:
+def test_leading_ends_with_the_guard_and_both_are_told(rider: GuidedRider) -> None:
     rider.guide.lead(DESK)
     rider.run(200)
-    rider.level, rider.level_told = HelpLevel.INFORM, "The guard has ended: the cable was pulled."
-    state = rider.run(100)
-    assert (state.text, state.goal, state.level) == (rider.level_told, "desk", HelpLevel.INFORM)
-    rider.level, rider.level_told = HelpLevel.GUARD, "Guard."
-    rider.run(100)
-    state = rider.run(100)
-    assert state.goal == ""
-    assert "you have chosen the guard alone" in state.reason
+    first = len(rider.states)
+    rider.level, rider.level_told = HelpLevel.INFORM, f"{GUARD_ENDED}the cable was pulled."
+    state = rider.run(1500)
+    assert (state.goal, state.level) == ("", HelpLevel.INFORM)
+    told = list(dict.fromkeys(each.text for each in rider.states[first:]))
+    assert told[-2:] == [rider.level_told, "You are no longer led: the guard has ended."]
+    assert state.symbol == "attention"
+
+
+def test_who_chooses_the_guard_alone_is_led_no_longer_and_told_so(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    rider.run(200)
+    rider.level, rider.level_told = HelpLevel.GUARD, SPOKEN[HelpLevel.GUARD]
+    state = rider.run(1500)
+    assert (state.goal, state.reason) == ("", "you have chosen the guard alone")
+    assert state.text == "You are no longer led: you have chosen the guard alone."
 
 
 def test_a_rider_who_pulls_back_whenever_ahead_is_asked_for_is_told_that_the_glove_sits_the_wrong_way_round(

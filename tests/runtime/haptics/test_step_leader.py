@@ -115,7 +115,8 @@ def test_a_rider_is_asked_nothing_while_no_way_leads_on_and_goes_on_after() -> N
     leading.run(ASIDE, 3.0)
     assert "no path" in leading.leader.waits
     words = [leading.run(ASIDE, 0.05) for _ in range(200)]
-    assert {word and word.advice for word in words} == {None}
+    assert all(word is not None and (word.advice, word.reason) == (None, leading.leader.waits) for word in words)
+    assert leading.leader.again(GuideInputs(leading.now_ns, ASIDE, Twist())) is None  # nor is an old symbol repeated
     leading.shut = False
     words = [leading.run(ASIDE, 0.05) for _ in range(60)]
     assert any(word is not None and word.advice is not None for word in words)
