@@ -364,11 +364,13 @@ class HapticGuide:
         return ""
 
     def _next_asked(self, told: ToldAdvice, again: Advice | None, now_ns: int) -> _Asked:
-        """Return the wishes for the next tick, by the glove's button too: once for again, twice for where.
+        """Return the wishes for the next tick, by the glove's buttons too: repeat once for again, twice for where; yes takes an offer.
 
         A wish to hear it again waits for the gap after the symbol before, but not for long.
         """
         asked = self._asked
+        if told.yes and self.state.offers:
+            return _Asked(again=True, again_ns=now_ns)
         if told.repeats:
             twice = told.repeats > 1 or now_ns - asked.pressed_ns < AGAIN_NS
             return _Asked(again=not twice, where=twice, pressed_ns=-(10**18) if twice else now_ns, again_ns=now_ns)
@@ -380,6 +382,7 @@ class HapticGuide:
         self, now: HapticInputs, guidance: GuideWord | None, told: ToldAdvice, sentence: str, withheld: str
     ) -> HapticState:
         leader, shown = self.leader, self._teller.shown(self.state, told, now.now_ns)
+        goes_on = told.said is not None and told.said.symbol is not Symbol.ATTENTION  # which belongs to an offer
         if sentence:
             shown = replace(shown, symbol="", text=sentence, count=shown.count + 1, play=())
         return replace(
@@ -391,7 +394,7 @@ class HapticGuide:
             reason=leader.reason if guidance is None else guidance.reason,
             arrived=leader.arrived,
             withheld=withheld,
-            offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and told.said is None),
+            offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and not goes_on),
             hold=StickHold() if guidance is None else guidance.hold,
         )
 

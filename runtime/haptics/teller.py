@@ -22,7 +22,7 @@ from waychair.firmware_bridge.glove.messages import PlayStep
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.sounds import Sounds
 
-REPEAT_OFFER = "press repeat to hear it again"
+REPEAT_OFFER = "press repeat or yes to hear it again"
 """Sentence with which advice falls silent."""
 
 

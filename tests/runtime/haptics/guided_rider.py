@@ -91,9 +91,9 @@ class GuidedRider:
             self.odom_from_base = None if self.odom_from_base is None else self.odom_from_base @ moved
         return self.states[-1]
 
-    def press(self) -> None:
-        """Press the glove's button "repeat"."""
-        self.inputs = GloveInputs(repeat=True)
+    def press(self, *, yes: bool = False) -> None:
+        """Press the glove's button "repeat", or "yes"."""
+        self.inputs = GloveInputs(repeat=not yes, yes=yes)
         self.run(100)
         self.inputs = GloveInputs()
         self.run(100)

@@ -81,6 +81,21 @@ def test_nobody_is_led_at_the_level_guide_before_the_board_guards_and_the_rider_
     assert rider.run(3000).withheld == ""
 
 
+def test_yes_on_the_glove_takes_the_offer_to_say_it_again_and_means_nothing_without_one(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    count = rider.run(800).count
+    rider.press(yes=True)
+    assert rider.run(100).count == count
+    while not rider.run(500).offers:
+        assert rider.now_ms < 60_000
+    rider.run(2000)  # attention has been felt
+    count = rider.states[-1].count
+    assert rider.run(1000).count == count  # the guide is silent
+    rider.press(yes=True)
+    state = rider.run(600)
+    assert (state.symbol, state.count) == ("forward", count + 1)
+
+
 def test_attention_cuts_no_sentence_short(voice: Path) -> None:
     with GuidedRider(voice=voice) as rider:
         rider.guide.lead(DESK)
