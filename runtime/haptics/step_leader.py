@@ -305,10 +305,11 @@ class StepLeader:
             elif self._plan is not None:  # no steps lead on from here; the old ones may, from a little elsewhere
                 self._memory = replace(self._memory, tries=0, shuffles=0)
             return
-        blocked = self._vain.blocked
+        blocked, waited = self._vain.blocked, self.waits
         self._vain = replace(self._vain, why="", barred=False, blocked="")
         if plan is self._plan:  # it was looked at, and is good still
-            self._memory = replace(self._memory, still_ns=None)
+            if waited:  # the chair stood because of that
+                self._memory = replace(self._memory, still_ns=None)
             return
         self._vain = replace(self._vain, led_on=blocked)
         memory, self._plan = self._memory, plan

@@ -38,10 +38,10 @@ def _ground(*, shut: bool) -> Costmap:
 class Leading:
     """A leader in the room, between whose rider and the desk a wall can be drawn."""
 
-    def __init__(self, *, shut: bool = False, mapped_shut: bool = False) -> None:
+    def __init__(self, *, shut: bool = False, mapped_shut: bool = False, grows: bool = False) -> None:
         self.leader, self.shut, self.asked, self.now_ns = StepLeader(CHAIR_A, DURATIONS, RiderLearner()), shut, 0, 0
         self.asked_map, self._mapped_shut = 0, mapped_shut
-        self.leader.lead(DESK, LedGround(lambda: self._costmap, lambda: self._map_alone))
+        self.leader.lead(DESK, LedGround(lambda: self._costmap, lambda: self._map_alone, grows=grows))
         self.run(START, 0.1)
 
     def _costmap(self) -> Costmap:
@@ -122,8 +122,11 @@ def test_a_rider_is_asked_nothing_while_no_way_leads_on_and_goes_on_after() -> N
     assert any(word is not None and word.advice is not None for word in words)
 
 
-def test_new_steps_that_follow_a_hold_tell_what_held_the_chair() -> None:
-    leading, told = Leading(), set[str]()
+@pytest.mark.parametrize(
+    "grows", [False, True]
+)  # where the steps are looked at each second, a hold is noticed all the same
+def test_new_steps_that_follow_a_hold_tell_what_held_the_chair(grows: bool) -> None:
+    leading, told = Leading(grows=grows), set[str]()
     held = GuideInputs.under((0.0, 0.0, 1.0, 1.0), 0.25, 0.0, 0, START, Twist())
     for _ in range(1000):
         leading.now_ns += 50_000_000

@@ -99,12 +99,12 @@ def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_pa
         (
             BlindRoute("small_clinic", "ward", "bath", shut="bath"),
             False,
-            "Wait: the door is shut, or something stands in it.",
+            "Wait: the door is shut",
         ),
         (
             BlindRoute("apartment", "bath", "bedroom", shut="bedroom"),
             True,
-            "Something is in the way: other steps lead on.",
+            "Something is in the way",
         ),
     ],
 )
@@ -113,5 +113,5 @@ def test_a_driver_before_a_door_that_was_shut_meanwhile_is_told_so_and_waits_or_
 ) -> None:
     run = drive_route(route, "guide", 1)
     assert (run.reached, run.contact_speeds) == (arrives, ())
-    assert told in run.announced
+    assert any(sentence.startswith(told) for sentence in run.announced)
     assert arrives or run.reason == "the door is shut, or something stands in it"
