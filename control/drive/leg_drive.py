@@ -114,9 +114,9 @@ class LegDrive:
     def _by_window(self, view: LegInput, limits: DwaSettings) -> DwaResult:
         """Return the dynamic window's choice along a leg without a line to be followed."""
         path = Path(self.leg.poses_in(view.odom_from_map))
-        left = self.remaining(view.odom_from_map.inverse() @ view.pose)
-        if self._as_paper and left is not None and left > PAPER_ENDS:
-            slow = replace(limits, max_speed=max(0.0, min(limits.max_speed, self._fastest(view, limits))))
+        fastest = self._fastest(view, limits)
+        if self._as_paper and (self.remaining(view.odom_from_map.inverse() @ view.pose) or 0.0) > PAPER_ENDS:
+            slow = replace(limits, max_speed=max(0.0, min(limits.max_speed, fastest)))
             return choose_as_paper(view.answered, view.command, path, view.local(), self._body, slow)
         return choose(
             pose=view.answered,
@@ -128,7 +128,7 @@ class LegDrive:
             in_position=self.in_position,
             motion=view.motion,
             tracks=view.tracks,
-            fastest=self._fastest(view, limits),
+            fastest=fastest,
         )
 
     def _along_line(self, follower: WayFollower, view: LegInput, limits: DwaSettings) -> DwaResult:

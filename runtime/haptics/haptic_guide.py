@@ -88,8 +88,8 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Told:
-    """What has been told, so that its change is told: the level, that the rider is led, why the rider waits, what held the chair,
-    whether it creeps; and the call for attention to the last notice."""
+    """The state that was told last: the sentence about the level, leading, the reason of a wait, a hold that was left behind, an
+    override; and the call for attention to the last notice. A change of it is told."""
 
     level: str = ""
     led: bool = False
@@ -347,7 +347,7 @@ class HapticGuide:
         return ""
 
     def _notice(self, guidance: GuideWord | None, withheld: str) -> str:
-        """Return what a rider who only feels has to know of as well: the end of leading, a wait, other steps, or an offer."""
+        """Return a sentence that touch calls attention to: the end of leading, a wait, other steps, an offer; empty without one."""
         before, leader = self._before, self.leader
         was_led, before.led = before.led, leader.goal is not None
         if was_led and leader.goal is None and not leader.arrived:

@@ -260,12 +260,8 @@ class StepLeader:
     def _ask(self, pose: Pose2, or_else: Callable[[Costmap], StepPlan | None] = lambda _: None) -> None:
         """Ask for steps from here, unless `or_else` has some that are good still."""
         assert self._planned is not None  # there is a goal
-        planner, ground, work, known = (
-            self._planned.planner,
-            self._planned.ground,
-            self._planned.ground.now(),
-            self.waits,
-        )
+        planner, ground, known = self._planned.planner, self._planned.ground, self.waits
+        work = ground.now()
         # asked once: a rider who waits knows the cause, and that there are steps on the map alone
         on_map = ground.mapped() if self._plan is None and ground.mapped is not None and not known else None
         find_why = ground.why() if ground.why is not None and not known else None

@@ -122,9 +122,8 @@ def test_a_rider_is_asked_nothing_while_no_way_leads_on_and_goes_on_after() -> N
     assert any(word is not None and word.advice is not None for word in words)
 
 
-@pytest.mark.parametrize(
-    "grows", [False, True]
-)  # where the steps are looked at each second, a hold is noticed all the same
+# a hold is noticed as well where the steps are looked at each second
+@pytest.mark.parametrize("grows", [False, True])
 def test_new_steps_that_follow_a_hold_tell_what_held_the_chair(grows: bool) -> None:
     leading, told = Leading(grows=grows), set[str]()
     held = GuideInputs.under((0.0, 0.0, 1.0, 1.0), 0.25, 0.0, 0, START, Twist())

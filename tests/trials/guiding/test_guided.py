@@ -96,16 +96,8 @@ def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_pa
 @pytest.mark.parametrize(
     ("route", "arrives", "told"),
     [
-        (
-            BlindRoute("small_clinic", "ward", "bath", shut="bath"),
-            False,
-            "Wait: the door is shut",
-        ),
-        (
-            BlindRoute("apartment", "bath", "bedroom", shut="bedroom"),
-            True,
-            "Something is in the way",
-        ),
+        (BlindRoute("small_clinic", "ward", "bath", shut="bath"), False, "Wait: the door is shut"),
+        (BlindRoute("apartment", "bath", "bedroom", shut="bedroom"), True, "Something is in the way"),
     ],
 )
 def test_a_driver_before_a_door_that_was_shut_meanwhile_is_told_so_and_waits_or_is_led_round(
