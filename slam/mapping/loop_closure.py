@@ -17,7 +17,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -64,7 +64,7 @@ _LEAST_SHARED = 300  # surface points that both must know about
 _LONGEST_REST = 3  # times the length of a round of submaps: where the chair is on new ground, a round finds nothing
 _LOOKUPS = 5_000_000  # points that one piece of a search by partial overlap looks up in a grid, 10 ms
 _SUBMAP_LOOKUPS = 6_000_000  # points that one piece of a search of a submap looks up, 12 ms
-_TORN_PIECES = 3  # times as large are the pieces while parts of the map are apart
+_TORN_PIECES = 3  # are done with each key scan while parts of the map are apart
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -201,7 +201,7 @@ class LoopCloser:
         ] = {}  # by first key scan: whether a submap where the chair can have been was searched
         self._overlap_search: CandidatesSearch | None = None
         self._submap_search: SubmapsSearch | None = None
-        self._submap_find: Edge | None = None
+        self._submap_finds: list[Edge] = []
         self._overlap_finds: list[Find] = []
         self._recognised: Find | None = None
 
@@ -218,19 +218,21 @@ class LoopCloser:
 
     def begin_part(self) -> None:
         """Forget what was found before, since the chair may have been carried."""
-        self._overlap_search = self._submap_search = self._submap_find = self._recognised = None
-        self._overlap_finds = []
+        self._overlap_search = self._submap_search = self._recognised = None
+        self._overlap_finds, self._submap_finds = [], []
         self._since.end_round(is_fruitless=False)
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
         """Return edges that close loops at the last key scan, or at the view of a longer search.
 
-        `recent` are the latest key scans in driving order. Of the longer searches, one piece is done with each key scan: a
-        candidate by partial overlap, the pyramid of a submap, its search, or the verification of one place.
+        `recent` are the latest key scans in driving order. Of the longer searches, one piece is done with each key scan, or
+        three while parts of the map are apart: a candidate by partial overlap, the pyramid of a submap, its search, or the
+        verification of one place.
         """
         edges = self._loops_here(keys, recent)
-        if not edges:
-            edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
+        for _ in range(_TORN_PIECES if keys.is_torn else 1):
+            if not edges:
+                edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
         self.counts["loops_closed"] += len(edges)
         if edges:
             self._since.loop, self._overlap_search, self._submap_search = 0.0, None, None
@@ -353,7 +355,7 @@ class LoopCloser:
             self.counts["glimpses_tried"] += 1
             search.drawn_at = keys.pose(candidate.nearest)
             search.present = self._begin_overlap(keys, search.recent, candidate)
-        if not search.present.go_on(self._matching, _piece(keys, _LOOKUPS)):
+        if not search.present.go_on(self._matching, _LOOKUPS):
             return []
         found, search.present = search.present.found, None
         del search.waiting[0]
@@ -403,7 +405,7 @@ class LoopCloser:
             if not search.is_due():
                 return []
             submap = search.round.waiting[0][0]
-            if search.round.search(keys.store, keys.poses, self._pyramids, _piece(keys, _SUBMAP_LOOKUPS)):
+            if search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAP_LOOKUPS):
                 self.counts["submaps_searched"] += 1
                 self._submaps[submap] = True
             return []
@@ -411,13 +413,28 @@ class LoopCloser:
             return []
         self._submap_search = None
         self._since.end_round(is_fruitless=not search.edges)
-        self.counts["places_ambiguous"] += len(search.edges) > 1
-        before, self._submap_find = self._submap_find, search.edges[0] if len(search.edges) == 1 else None
-        if before is None or self._submap_find is None:
-            return []
-        if not self._agree(keys, _find_of(keys, before), _find_of(keys, self._submap_find)):
-            return []
-        return [self._submap_find]
+        is_one = self._is_one_place(keys, search.edges)
+        self.counts["places_ambiguous"] += not is_one
+        before, self._submap_finds = self._submap_finds, search.edges if is_one else []
+        earlier = [_find_of(keys, find) for find in before]
+        return [
+            find
+            for find in self._submap_finds
+            if any(self._agree(keys, other, _find_of(keys, find)) for other in earlier)
+        ]
+
+    def _is_one_place(self, keys: KeyGraph, finds: Sequence[Edge]) -> bool:
+        """Return whether the chair can be at all places that the finds of one view lead to.
+
+        It can be at one place of each part of the map, if the surroundings of that place in one part are those in the other.
+        """
+        for a, b in combinations(finds, 2):
+            if graph_distances(keys.poses, keys.edge_arrays, a.i)[b.i] < _UNKNOWN_LENGTH:
+                return False
+            a_from_b = _find_of(keys, a).pose @ _find_of(keys, b).pose.inverse()
+            if not self._is_embedded(keys, sorted(keys.path_lengths(b.i, _PLACE_PATH)), a.i, a_from_b):
+                return False
+        return True
 
     def _try_next_place(self, keys: KeyGraph, search: SubmapsSearch) -> bool:
         """Verify the places where the view of a search fits up to the next one that the scans match; return False if there is
@@ -445,28 +462,28 @@ class LoopCloser:
 
     def _belongs(self, keys: KeyGraph, recent: Sequence[int], edge: Edge) -> bool:
         """Return whether the latest key scans, laid where an edge says, and the place there see the same surfaces."""
-        moved = keys.pose(edge.i) @ edge.i_from_j @ keys.pose(edge.j).inverse()
-        part = list(recent)[:: -(-len(recent) // _PART_VIEWS)]
-        laid = np.array([(moved @ keys.pose(node)).array() for node in part])
-        latest = set(recent)
-        connected = [node for node in sorted(keys.path_lengths(edge.i, _PLACE_PATH)) if node not in latest]
-        apart = np.hypot(*(keys.poses[connected, None, :2] - laid[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
-        place = [node for node, away in zip(connected, apart, strict=True) if away < _PLACE_REACH]
-        if not place:
-            return False
-        seen = self._judge.embedded(keys, part, place[:: -(-len(place) // _PLACE_VIEWS)], moved)
-        fits = seen.shared >= _LEAST_SHARED and seen.contradiction <= EMBEDDED
+        moved = _find_of(keys, edge).pose @ keys.pose(edge.j).inverse()
+        fits = self._is_embedded(keys, recent, edge.i, moved)
         self.counts["places_contradicted"] += not fits
         return fits
+
+    def _is_embedded(self, keys: KeyGraph, part: Sequence[int], place: int, moved: Pose2) -> bool:
+        """Return whether key scans, moved rigidly in the map, and those round a key scan of another place see the same
+        surfaces."""
+        few = part[:: -(-len(part) // _PART_VIEWS)]
+        laid = np.array([(moved @ keys.pose(node)).array() for node in few])
+        own = set(part)
+        connected = [node for node in sorted(keys.path_lengths(place, _PLACE_PATH)) if node not in own]
+        apart = np.hypot(*(keys.poses[connected, None, :2] - laid[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
+        near = [node for node, away in zip(connected, apart, strict=True) if away < _PLACE_REACH]
+        if not near:
+            return False
+        seen = self._judge.embedded(keys, few, near[:: -(-len(near) // _PLACE_VIEWS)], moved)
+        return seen.shared >= _LEAST_SHARED and seen.contradiction <= EMBEDDED
 
     def _agree(self, keys: KeyGraph, before: Find, now: Find) -> bool:
         """Return whether the motion between two finds equals the motion that was driven."""
         return _near(before.pose @ (keys.pose(before.node).inverse() @ keys.pose(now.node)), now.pose)
-
-
-def _piece(keys: KeyGraph, lookups: int) -> int:
-    """Return how many points a piece of a search looks up."""
-    return lookups * _TORN_PIECES if keys.is_torn else lookups
 
 
 def _find_of(keys: KeyGraph, edge: Edge) -> Find:

@@ -23,7 +23,7 @@ def test_the_more_submaps_a_round_has_the_more_key_scans_share_a_piece(submaps: 
     assert due == [k % key_scans_a_piece == key_scans_a_piece - 1 for k in range(12)]
 
 
-def test_submaps_that_the_budget_leaves_over_are_searched_one_with_each_further_key_scan(
+def test_submaps_that_the_budget_leaves_over_are_searched_three_with_each_further_key_scan_while_parts_are_apart(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(loop_closure, "_SUBMAP_SCANS", 10)
@@ -40,8 +40,8 @@ def test_submaps_that_the_budget_leaves_over_are_searched_one_with_each_further_
             left.append(again._closer.never_searched)
         if left and not left[-1]:
             break
-    assert left[0] >= known // 10 - 1  # one has been searched, and the last one may be a shorter rest
-    assert left == list(range(left[0], -1, -1))
+    assert left[0] >= known // 10 - 3  # three have been searched, and the last one may be a shorter rest
+    assert left == [*range(left[0], 0, -3), 0]
 
 
 def test_a_run_that_ends_while_a_submap_waits_tells_that_it_was_never_searched(
