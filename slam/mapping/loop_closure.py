@@ -413,15 +413,15 @@ class LoopCloser:
             return []
         self._submap_search = None
         self._since.end_round(is_fruitless=not search.edges)
-        is_one = self._is_one_place(keys, search.edges)
-        self.counts["places_ambiguous"] += not is_one
-        before, self._submap_finds = self._submap_finds, search.edges if is_one else []
-        earlier = [_find_of(keys, find) for find in before]
-        return [
-            find
-            for find in self._submap_finds
-            if any(self._agree(keys, other, _find_of(keys, find)) for other in earlier)
-        ]
+        earlier, finds = self._submap_finds, search.edges
+        if not self._is_one_place(keys, finds):
+            self.counts["places_ambiguous"] += 1
+            self._submap_finds = []
+            return []
+        if finds:  # a round that finds nothing says nothing of the one before
+            self._submap_finds = finds
+        before = [_find_of(keys, find) for find in earlier]
+        return [find for find in finds if any(self._agree(keys, other, _find_of(keys, find)) for other in before)]
 
     def _is_one_place(self, keys: KeyGraph, finds: Sequence[Edge]) -> bool:
         """Return whether the chair can be at all places that the finds of one view lead to.
