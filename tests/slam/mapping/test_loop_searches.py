@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
+from tests.slam.conftest import scan_at
+from waychair.slam.graph.edges import Edge, EdgeKind
+from waychair.slam.graph.information import unknown_information
 from waychair.slam.mapping import loop_closure
-from waychair.slam.mapping.loop_closure import LoopSettings
+from waychair.slam.mapping.carried import CarryJudge
+from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.mapping.loop_closure import LoopCloser, LoopSettings
 from waychair.slam.mapping.loop_searches import SubmapsSearch
-from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.mapper import LOCAL_REACH, Mapper, MapperSettings
+from waychair.slam.scan.scan_matching import MatchSettings
+from waychair.slam.scan.scan_points import scan_points
 from waychair.slam.scan.submap_search import SubmapRound
 from waychair.types import FloatArray, Pose2, SensorFrame
 
 Drive = tuple[list[SensorFrame], FloatArray]
+
+ALONG = [Pose2(1.5 + 0.3 * k, 1.5, 0.0) for k in range(28)]
+"""The way along the flat's lower side, which three parts of a map have in common."""
 
 
 @pytest.mark.parametrize(("submaps", "key_scans_a_piece"), [(1, 1), (60, 1), (61, 2), (120, 2), (200, 4)])
@@ -59,3 +71,75 @@ def test_a_run_that_ends_while_a_submap_waits_tells_that_it_was_never_searched(
     assert 0 in told[waiting[0] :]  # a run that goes on searches it
     # the last one became possible between two searches, and the drive ends before the next
     assert told[-1] == mapper.result().counts["submaps_never_searched"] == 1
+
+
+def three_parts() -> KeyGraph:
+    """A map whose three parts are the same way, driven after the chair was carried: each part lies elsewhere on the map."""
+    keys = KeyGraph()
+    for part in range(3):
+        moved = Pose2(20.0 * part, 7.0 * part, 0.6 * part)
+        for k, pose in enumerate(ALONG):
+            scan = scan_points(scan_at(pose, noise=0.01, seed=len(keys)), Pose2(), 20.0)
+            last, kind = len(keys) - 1, EdgeKind.UNKNOWN if k == 0 else EdgeKind.MATCH
+            step = keys.pose(last).inverse() @ moved @ pose if last >= 0 else moved
+            keys.add(scan, Edge(last, last + 1, step, unknown_information(), kind) if last >= 0 else None)
+    return keys
+
+
+def closer() -> LoopCloser:
+    judge = CarryJudge(MatchSettings(), LOCAL_REACH, Pose2())
+    return LoopCloser(LoopSettings(), MatchSettings(), LOCAL_REACH, Pose2(), judge)
+
+
+def find(of: int, at: int, ahead: float = 0.0) -> Edge:
+    """The find that the chair, at key scan `of` of the third part, stands near key scan `at`, and `ahead` [m] of where it does."""
+    node = 2 * len(ALONG) + of
+    return Edge(
+        at, node, ALONG[at % len(ALONG)].inverse() @ ALONG[of] @ Pose2(ahead), unknown_information(), EdgeKind.LOOP
+    )
+
+
+def ended(own: LoopCloser, keys: KeyGraph, finds: Sequence[Edge]) -> list[Edge]:
+    """Let a round of submaps end with these finds; return the edges that are accepted."""
+    own._submap_search = SubmapsSearch([len(keys) - 1], {}, SubmapRound(np.zeros((0, 2)), []), edges=list(finds))
+    return own._submap_edges(keys)
+
+
+def test_a_view_that_fits_two_parts_of_the_map_joins_them_if_they_are_the_same_there() -> None:
+    keys, own = three_parts(), closer()
+    second = len(ALONG)
+    assert ended(own, keys, [find(12, 12), find(12, second + 12)]) == []  # no find before it
+    accepted = ended(own, keys, [find(20, 20), find(20, second + 20)])
+    assert [edge.i for edge in accepted] == [20, second + 20]
+    assert own.counts["places_ambiguous"] == 0
+
+
+@pytest.mark.parametrize(
+    "elsewhere",
+    [
+        find(20, len(ALONG) + 4, -3.0),  # another place of the other part
+        find(20, 6, -3.0),  # another place of the same part
+    ],
+)
+def test_a_view_that_fits_at_different_places_joins_nothing_and_the_find_before_it_is_not_trusted(
+    elsewhere: Edge,
+) -> None:
+    keys, own = three_parts(), closer()
+    ended(own, keys, [find(12, 12)])
+    assert ended(own, keys, [find(20, 20), elsewhere]) == []
+    assert own.counts["places_ambiguous"] == 1
+    assert ended(own, keys, [find(24, 24)]) == []
+
+
+def test_a_round_without_a_find_says_nothing_against_the_find_before_it() -> None:
+    keys, own = three_parts(), closer()
+    assert ended(own, keys, [find(12, 12)]) == []
+    assert ended(own, keys, []) == []
+    assert [edge.i for edge in ended(own, keys, [find(20, 20)])] == [20]
+
+
+def test_a_find_elsewhere_takes_the_place_of_the_find_before_it() -> None:
+    keys, own = three_parts(), closer()
+    ended(own, keys, [find(12, 12)])
+    assert ended(own, keys, [find(16, 2, -3.0)]) == []
+    assert ended(own, keys, [find(20, 20)]) == []
