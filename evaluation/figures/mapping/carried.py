@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from evaluation.figures.mapping.logs import DATA
 from evaluation.scenes.maps.spliced_drives import odometry_in, spliced, with_odometry
@@ -45,6 +46,7 @@ _MOST_M, _MOST_AGAINST_OWN_M = (
     0.5,
 )  # [m] mean error across loops of a map that was repaired; the own map errs, too
 _MOST_APART, _PAIRS = 2.0, 2000  # [m] between two poses that are compared across a splice, and their greatest number
+_KNOWN_GROUND = 1.0  # [m] of a way from an earlier one
 _WITHOUT_ODOMETRY = ("intel", "fr079", "exp1", "exp2")
 _WAY_NOISE, _TURN_NOISE = 0.05, math.radians(1.0)  # standard deviations: share of the way, [rad] after one metre
 
@@ -54,8 +56,9 @@ def carried(out: Path) -> Json:
 
     The odometry does not show the splice. A splice is repaired if the relations across loops are as good as in the
     original log, known if the report says that a part is not joined, or by odometry alone, and silently wrong otherwise. A log without
-    published relations is compared with its own map without a splice. `CARRIED_SEED=7` takes other splices,
-    `CARRIED_SPLICES=20` more of each log, `CARRIED_LOGS=aces,exp1` other logs.
+    published relations is compared with its own map without a splice. Parts of which neither returns to the other's ground
+    cannot be joined: `returned_m` is the way after the splice within 1 m of the way before it. `CARRIED_SEED=7` takes other
+    splices, `CARRIED_SPLICES=20` more of each log, `CARRIED_LOGS=aces,exp1` other logs.
     """
     seed, count = int(os.environ.get("CARRIED_SEED", "2026")), int(os.environ.get("CARRIED_SPLICES", str(SPLICES)))
     names = os.environ.get("CARRIED_LOGS", "intel,fr079").split(",")
@@ -67,7 +70,16 @@ def carried(out: Path) -> Json:
             cut, on = log.draw(rng)
             verdict, error = log.verdict(cut, on)
             counts[verdict] += 1
-            rows.append({"log": name, "cut": cut, "on": on, "verdict": verdict, "across_loops_m": round(error, 4)})
+            rows.append(
+                {
+                    "log": name,
+                    "cut": cut,
+                    "on": on,
+                    "verdict": verdict,
+                    "across_loops_m": round(error, 4),
+                    "returned_m": round(log.returned(cut, on), 1),
+                }
+            )
             print(rows[-1], flush=True)
     return {"passed": counts["mended"] >= 0.8 * len(rows) and not counts["wrong"], **counts, "rows": rows}
 
@@ -78,11 +90,9 @@ class _SplicedLog:
     def __init__(self, name: str) -> None:
         self.recording = read_recording(DATA / LOGS[name])
         self._relations: Relations | None = None
-        self._whole: MapperResult | None = None
         if name in _RELATIONS:
             self._relations = read_relations(DATA / _RELATIONS[name])
-        else:
-            self._whole = mapper_over(self.recording, self.recording.frames).result()
+        self._whole = mapper_over(self.recording, self.recording.frames).result()
 
     def draw(self, rng: np.random.Generator) -> tuple[int, int]:
         """Return the number of the frame at which the chair is lifted, and of that at which it is put down."""
@@ -107,9 +117,16 @@ class _SplicedLog:
         known = any(words in warning for warning in torn_warnings(result) for words in told)
         return "known" if known else "wrong", error
 
+    def returned(self, cut: int, on: int) -> float:
+        """Return the way [m] after the splice that lies within 1 m of the way before it, on the map without a splice."""
+        positions = self._whole.trajectory.poses[:, :2]
+        before, after = positions[:cut], positions[on:]
+        away, _ = KDTree(before).query(after[1:])
+        steps = np.hypot(*np.diff(after, axis=0).T)
+        return float(steps[away < _KNOWN_GROUND].sum())
+
     def _error_across(self, result: MapperResult, cut: int, on: int) -> float:
         """Return the mean difference [m] from the map without a splice, of poses near each other on its two sides."""
-        assert self._whole is not None
         truth, found = self._whole.trajectory.poses, result.trajectory.poses  # a pose for every frame, in order
         i, j = _nearest_pairs(truth[:cut], truth[on:])
         wanted = compose(invert(truth[:cut][i]), truth[on:][j])
