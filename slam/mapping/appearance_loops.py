@@ -25,7 +25,8 @@ from waychair.slam.camera.reprojection import pinhole
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import odometry_information
 from waychair.slam.mapping.appearance_settings import AppearanceSettings
-from waychair.slam.mapping.loop_closure import MIN_LOOP_PATH, LoopRejection
+from waychair.slam.mapping.loop_candidates import MIN_LOOP_PATH
+from waychair.slam.mapping.loop_closure import LoopRejection
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.mapping.place_verification import (
     features_of,

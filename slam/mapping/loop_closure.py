@@ -1,4 +1,4 @@
-"""Loop closure: candidates for a revisited place, and the scan matches that verify them.
+"""Loop closure: searches for the place that a chair has returned to, and the scan matches that verify it.
 
 A nearby candidate is a run of earlier key scans that is close in the map, while its path through the graph is long. Its
 uncertainty, and so the search window, grows with that path. Where whole views do not match, because the chair returned
@@ -6,8 +6,9 @@ with another heading, the small common part has to match (`partial_overlap`), tw
 window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched: those
 where the chair can be, nearest first, one with each key scan, so that the work per scan is bounded. A place found there
 counts only if all latest key scans, laid there, see the surfaces of the place and the place sees theirs, if that holds
-at no other place, and when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the query
-lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
+at no other place of its part of the map, and when a second find, some distance on, agrees, or the map has the chair
+near that place already. A loop is accepted by geometry (enough of the query lies on the reference's surfaces, no second
+place fits nearly as well), never by the likelihood alone.
 """
 
 from __future__ import annotations
@@ -17,46 +18,42 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
-from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, edge_arrays
+from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import match_information, rotated_information
-from waychair.slam.graph.shortest_paths import shortest_paths
 from waychair.slam.mapping.carried import EMBEDDED, CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.mapping.loop_candidates import (
+    CHAIN_REACH,
+    MAX_ANGLE,
+    MAX_WINDOW,
+    MIN_WINDOW,
+    TURN_DRIFT,
+    LoopSettings,
+    are_connected,
+    candidates,
+    graph_distances,
+    uncertain_submaps,
+)
 from waychair.slam.mapping.loop_searches import CandidatesSearch, Find, LoopCandidate, SubmapsSearch
 from waychair.slam.scan import partial_overlap as overlap
 from waychair.slam.scan.partial_overlap import known_ground
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.scan.submap_search import SubmapPyramids, SubmapRound
-from waychair.types import FloatArray, IntArray, Pose2
+from waychair.types import FloatArray, Pose2
 
-_UNKNOWN_LENGTH = 1e4
-"""Length [m] of an edge of unknown motion; longer than any path."""
-
-_LEAST_LENGTH = 1e-3  # m; of an edge
 _QUERY_CELL = 0.1
 
 
-MIN_LOOP_PATH = 5.0  # m; shortest path through the graph that counts as a loop
-CHAIN_REACH = 4.0  # m; key scans of a chain this near to its nearest one are matched against
-_RADIUS = 4.0  # m; a candidate lies within this distance, beyond the uncertainty
-_TURN_DRIFT = 0.01  # rad/m; growth of the heading's uncertainty per metre of the path
-_MIN_WINDOW, _MAX_WINDOW = 0.3, 4.0  # m; smallest and largest half window of the search
-_MAX_ANGLE = 0.7  # rad; largest half window of the heading
-_CHAINS = 2  # candidates tried at each search
 _QUERY_SCANS = 6  # latest key scans that are matched together
 _MIN_RESPONSE = 0.5  # least mean likelihood
 _MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
-_SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
-_LEAST_SUBMAP = 5  # key scans; fewer before a tear show too little of a place
 _SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
-_FAR_DRIFT = 3.0  # times the assumed drift; the chair is hardly ever farther from where the map says
 _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
 _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid at a place, and so connected, see it
 _PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
@@ -66,84 +63,6 @@ _LOOKUPS = 5_000_000  # points that one piece of a search by partial overlap loo
 _SUBMAP_LOOKUPS = 6_000_000  # points that one piece of a search of a submap looks up, 12 ms
 _TORN_PIECES = 3  # are done with each key scan while parts of the map are apart
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
-
-
-@dataclass(frozen=True, slots=True)
-class LoopSettings(Settings):
-    """Where and how often loops are searched."""
-
-    drift: float = setting(
-        0.03, "m/m", "assumed odometry drift per metre; larger: wider searches, which close loops after longer drives",
-        low=0.0, high=1.0,
-    )  # fmt: skip
-    spacing: float = setting(
-        0.5, "m", "distance driven between two loop searches; larger: they take less time and may miss loops",
-        low=0.0, high=100.0,
-    )  # fmt: skip
-    submap_spacing: float = setting(
-        2.0, "m",
-        "distance driven between two searches of whole submaps; larger: less time, but kidnappings are found later",
-        low=0.0, high=100.0,
-    )  # fmt: skip
-
-
-def graph_distances(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays, node: int) -> FloatArray:
-    """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
-    own = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
-    lengths = np.hypot(*(poses[own.i, :2] - poses[own.j, :2]).T) + _LEAST_LENGTH + _UNKNOWN_LENGTH * own.torn
-    return shortest_paths(own.i, own.j, lengths, len(poses), node)
-
-
-def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> tuple[LoopCandidate, ...]:
-    """Return the chains of nodes to which the last node may have returned, nearest first.
-
-    `path_lengths` (R,) [m] are the path lengths along the edges from the last of `poses` (N, 3) to the first R nodes, R < N.
-    """
-    recent = len(path_lengths)
-    if recent < 1:
-        return ()
-    away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
-    windows = np.clip(settings.drift * path_lengths, _MIN_WINDOW, _MAX_WINDOW)
-    reached = settings.drift * path_lengths <= _MAX_WINDOW
-    near = np.flatnonzero((away < _RADIUS + windows) & (path_lengths > MIN_LOOP_PATH) & reached)
-    if len(near) == 0:
-        return ()
-    found = []
-    for chain in np.split(near, np.flatnonzero(np.diff(near) > 3) + 1):
-        nearest = int(chain[np.argmin(away[chain])])
-        low = max(0, chain[0] - 5)
-        members = np.arange(low, min(recent, chain[-1] + 6))
-        reach = np.hypot(*(poses[members, :2] - poses[nearest, :2]).T)
-        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_lengths[nearest])
-        found.append(LoopCandidate(nearest, members[reach < CHAIN_REACH], float(windows[nearest]), float(angle)))
-    found.sort(key=lambda candidate: float(away[candidate.nearest]))
-    return tuple(found[:_CHAINS])
-
-
-def uncertain_submaps(
-    poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings, part_starts: Sequence[int] = ()
-) -> dict[int, IntArray]:
-    """Return the finished submaps that are too uncertain for a window and where the chair can be, nearest first.
-
-    Arguments as of `candidates`; `part_starts` are the key scans at which the chair may have been carried. No submap spans
-    two parts, and the rest before such a key scan is a smaller one. The members by the first of them. The chair can be at
-    a key scan if three times the drift of the path from there explains the distance on the map.
-    """
-    size, recent = _SUBMAP_SCANS, len(path_lengths)
-    drift = settings.drift * path_lengths
-    away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
-    uncertain, reachable = drift > _MAX_WINDOW, away < _RADIUS + _FAR_DRIFT * drift
-    starts = sorted({start for start in part_starts if 0 < start <= recent})
-    runs: list[tuple[int, int]] = []
-    for first, end in pairwise([0, *starts, recent]):
-        finished = end if end in starts else end - (end - first) % size
-        runs += [(k, min(k + size, finished)) for k in range(first, finished, size)]
-    firsts, ends = np.array(runs, np.int64).reshape(-1, 2).T
-    certain_before, reachable_before = (np.concatenate([[0], np.cumsum(each)]) for each in (~uncertain, reachable))
-    possible = (ends - firsts >= _LEAST_SUBMAP) & (certain_before[ends] == certain_before[firsts])
-    possible &= reachable_before[ends] > reachable_before[firsts]
-    found = [(float(away[k:end].min()), k, end) for k, end in np.array(runs)[possible].tolist()]
-    return {k: np.arange(k, end) for _, k, end in sorted(found)}
 
 
 @dataclass(slots=True)
@@ -272,19 +191,19 @@ class LoopCloser:
         path_length = float(graph_distances(keys.poses, keys.edge_arrays, here)[old])
         gap = keys.pose(here).inverse() @ map_from_base
         drift, before, find = settings.drift * path_length, self._recognised, Find(here, map_from_base)
-        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_length)
-        if drift > _MAX_WINDOW:
+        angle = min(MAX_ANGLE, 0.15 + TURN_DRIFT * path_length)
+        if drift > MAX_WINDOW:
             self._recognised = find
             apart = before is not None and math.dist(*(keys.poses[k, :2] for k in (before.node, here)))
             if before is None or apart < settings.spacing or not self._agree(keys, before, find):
                 return LoopRejection.UNCONFIRMED
-        elif math.hypot(gap.x, gap.y) > _MIN_WINDOW + drift or abs(gap.theta) > angle:
+        elif math.hypot(gap.x, gap.y) > MIN_WINDOW + drift or abs(gap.theta) > angle:
             return LoopRejection.CONTRADICTED
         latest = set(recent[-_SUBMAP_QUERY:])
         near = [node for node in sorted(keys.path_lengths(old, CHAIN_REACH)) if node not in latest]
-        candidate = LoopCandidate(old, np.array(near, np.int64), _MIN_WINDOW, _AGREE_ANGLE)
-        if drift <= _MAX_WINDOW:
-            return self._verified(keys, recent, candidate, map_from_base, Window(_MIN_WINDOW + drift, angle))
+        candidate = LoopCandidate(old, np.array(near, np.int64), MIN_WINDOW, _AGREE_ANGLE)
+        if drift <= MAX_WINDOW:
+            return self._verified(keys, recent, candidate, map_from_base, Window(MIN_WINDOW + drift, angle))
         edge = self._verified(keys, recent, candidate, map_from_base)
         if isinstance(edge, Edge) and not self._belongs(keys, recent, edge):
             return LoopRejection.SEEN_THROUGH
@@ -421,7 +340,17 @@ class LoopCloser:
         if finds:  # a round that finds nothing says nothing of the one before
             self._submap_finds = finds
         before = [_find_of(keys, find) for find in earlier]
-        return [find for find in finds if any(self._agree(keys, other, _find_of(keys, find)) for other in before)]
+        return [
+            find
+            for find in finds
+            if any(self._agree(keys, other, _find_of(keys, find)) for other in before) or self._is_expected(keys, find)
+        ]
+
+    def _is_expected(self, keys: KeyGraph, find: Edge) -> bool:
+        """Return whether a find in the chair's own part of the map moves it no farther than a search near the chair might."""
+        gap = keys.pose(find.j).inverse() @ _find_of(keys, find).pose
+        near = math.hypot(gap.x, gap.y) <= MAX_WINDOW and abs(gap.theta) <= MAX_ANGLE
+        return near and are_connected(keys.poses, keys.edge_arrays, find.i, find.j)
 
     def _is_one_place(self, keys: KeyGraph, finds: Sequence[Edge]) -> bool:
         """Return whether the chair can be at all places that the finds of one view lead to.
@@ -429,7 +358,7 @@ class LoopCloser:
         It can be at one place of each part of the map, if the surroundings of that place in one part are those in the other.
         """
         for a, b in combinations(finds, 2):
-            if graph_distances(keys.poses, keys.edge_arrays, a.i)[b.i] < _UNKNOWN_LENGTH:
+            if are_connected(keys.poses, keys.edge_arrays, a.i, b.i):
                 return False
             a_from_b = _find_of(keys, a).pose @ _find_of(keys, b).pose.inverse()
             if not self._is_embedded(keys, sorted(keys.path_lengths(b.i, _PLACE_PATH)), a.i, a_from_b):
@@ -452,7 +381,7 @@ class LoopCloser:
             if any(_near(keys.pose(edge.i) @ edge.i_from_j, pose) for edge in search.edges):
                 continue
             nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
-            near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
+            near = LoopCandidate(nearest, members, MIN_WINDOW, _AGREE_ANGLE)
             edge = self._verified(keys, search.recent, near, pose)
             if isinstance(edge, Edge):  # the dear half of a verification follows
                 if self._belongs(keys, search.recent, edge):

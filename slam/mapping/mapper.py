@@ -24,7 +24,8 @@ from waychair.slam.graph.information import (
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
 from waychair.slam.mapping.carried import SLIP_CLAIMED, CarryJudge, OpenTear, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import MIN_LOOP_PATH, LoopCloser, LoopRejection, LoopSettings
+from waychair.slam.mapping.loop_candidates import MIN_LOOP_PATH, LoopSettings
+from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
 from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, first_beyond, odometry_of, twist_of

@@ -13,7 +13,7 @@ import numpy as np
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind
 from waychair.slam.mapping.carried import CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import graph_distances
+from waychair.slam.mapping.loop_candidates import graph_distances
 from waychair.slam.scan.partial_overlap import find_partial_overlap, known_ground
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match
 from waychair.slam.scan.scan_points import scan_points

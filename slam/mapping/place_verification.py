@@ -10,7 +10,7 @@ import numpy as np
 from waychair.geometry import wrap_angles
 from waychair.slam.camera.features import ImageFeatures
 from waychair.slam.graph.information import match_information, rotated_information
-from waychair.slam.mapping.loop_closure import CHAIN_REACH
+from waychair.slam.mapping.loop_candidates import CHAIN_REACH
 from waychair.slam.mapping.mapper import LOCAL_REACH, Mapper, MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.nodes import MemoryNode, NodeStatus

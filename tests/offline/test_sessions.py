@@ -22,7 +22,7 @@ from waychair.recordings.recording import Recording, read_tum
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.localising.localiser import Localisation, LocalisationState, Localiser
 from waychair.slam.mapping.depth_mapping import DepthMappingSettings
-from waychair.slam.mapping.loop_closure import LoopSettings
+from waychair.slam.mapping.loop_candidates import LoopSettings
 from waychair.slam.mapping.mapper import MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.types import FloatArray, Odometry, Pose2, Scan, SensorFrame, Trajectory

@@ -23,13 +23,8 @@ from waychair.slam.graph.information import (
 )
 from waychair.slam.mapping.carried import CarryJudge, OpenTear, Verdict, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import (
-    Driven,
-    LoopSettings,
-    candidates,
-    graph_distances,
-    uncertain_submaps,
-)
+from waychair.slam.mapping.loop_candidates import LoopSettings, candidates, graph_distances, uncertain_submaps
+from waychair.slam.mapping.loop_closure import Driven
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import OpenTears
@@ -329,7 +324,7 @@ def test_a_loop_over_a_slip_keeps_the_map_whole() -> None:
 def test_an_edge_of_unknown_motion_needs_a_search_of_submaps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("waychair.slam.mapping.loop_closure._SUBMAP_SCANS", 10)
+    monkeypatch.setattr("waychair.slam.mapping.loop_candidates._SUBMAP_SCANS", 10)
     settings = LoopSettings()
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(41)])
     kinds = [EdgeKind.UNKNOWN if k == 29 else EdgeKind.MATCH for k in range(40)]
@@ -340,7 +335,7 @@ def test_an_edge_of_unknown_motion_needs_a_search_of_submaps(
 
 
 def test_the_key_scans_just_before_a_tear_are_searched_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("waychair.slam.mapping.loop_closure._SUBMAP_SCANS", 10)
+    monkeypatch.setattr("waychair.slam.mapping.loop_candidates._SUBMAP_SCANS", 10)
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(60)])
     kinds = [EdgeKind.UNKNOWN if k == 26 else EdgeKind.MATCH for k in range(59)]
     edges = [Edge(k, k + 1, Pose2(0.2, 0, 0), unknown_information(), kind) for k, kind in enumerate(kinds)]

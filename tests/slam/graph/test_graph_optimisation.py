@@ -10,7 +10,7 @@ import pytest
 
 from waychair.geometry import compose, invert, pose_from_array
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, chi_square, residuals, solve, write_g2o
-from waychair.slam.mapping.loop_closure import LoopSettings, candidates, graph_distances
+from waychair.slam.mapping.loop_candidates import LoopSettings, candidates, graph_distances
 from waychair.types import FloatArray, Pose2
 
 TIGHT = np.diag([1e4, 1e4, 1e4])

@@ -15,7 +15,8 @@ from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.geometry import compose, invert
 from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure
 from waychair.slam.mapping.appearance_settings import AppearanceSettings
-from waychair.slam.mapping.loop_closure import LoopRejection, LoopSettings
+from waychair.slam.mapping.loop_candidates import LoopSettings
+from waychair.slam.mapping.loop_closure import LoopRejection
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings

@@ -10,10 +10,11 @@ import pytest
 from tests.slam.conftest import scan_at
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import unknown_information
-from waychair.slam.mapping import loop_closure
+from waychair.slam.mapping import loop_candidates
 from waychair.slam.mapping.carried import CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import LoopCloser, LoopSettings
+from waychair.slam.mapping.loop_candidates import LoopSettings
+from waychair.slam.mapping.loop_closure import LoopCloser
 from waychair.slam.mapping.loop_searches import SubmapsSearch
 from waychair.slam.mapping.mapper import LOCAL_REACH, Mapper, MapperSettings
 from waychair.slam.scan.scan_matching import MatchSettings
@@ -38,7 +39,7 @@ def test_the_more_submaps_a_round_has_the_more_key_scans_share_a_piece(submaps: 
 def test_submaps_that_the_budget_leaves_over_are_searched_three_with_each_further_key_scan_while_parts_are_apart(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_closure, "_SUBMAP_SCANS", 10)
+    monkeypatch.setattr(loop_candidates, "_SUBMAP_SCANS", 10)
     frames, first = drive[0][:330], Mapper(MapperSettings(), Pose2())
     for frame in frames:
         first.process(frame)
@@ -59,7 +60,7 @@ def test_submaps_that_the_budget_leaves_over_are_searched_three_with_each_furthe
 def test_a_run_that_ends_while_a_submap_waits_tells_that_it_was_never_searched(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_closure, "_SUBMAP_SCANS", 10)
+    monkeypatch.setattr(loop_candidates, "_SUBMAP_SCANS", 10)
     mapper, told = Mapper(MapperSettings(loops=LoopSettings(drift=0.4)), Pose2()), list[int]()
     for frame in drive[0][:430]:
         before = len(mapper.keys)
@@ -129,6 +130,20 @@ def test_a_view_that_fits_at_different_places_joins_nothing_and_the_find_before_
     assert ended(own, keys, [find(20, 20), elsewhere]) == []
     assert own.counts["places_ambiguous"] == 1
     assert ended(own, keys, [find(24, 24)]) == []
+
+
+@pytest.mark.parametrize(("ahead", "accepted"), [(1.5, True), (-1.5, True), (4.5, False)])
+def test_a_find_near_the_chair_in_its_own_part_of_the_map_needs_no_second_one(ahead: float, accepted: bool) -> None:
+    keys, own = three_parts(), closer()
+    here = 2 * len(ALONG)
+    assert bool(ended(own, keys, [find(20, here + 2, ahead)])) == accepted
+
+
+def test_a_find_in_another_part_of_the_map_needs_a_second_one_however_near_it_lies_by_chance() -> None:
+    keys, own = three_parts(), closer()
+    there = keys.pose(2 * len(ALONG) + 20)
+    near = Edge(20, 2 * len(ALONG) + 20, keys.pose(20).inverse() @ there, unknown_information(), EdgeKind.LOOP)
+    assert ended(own, keys, [near]) == []
 
 
 def test_a_round_without_a_find_says_nothing_against_the_find_before_it() -> None:
