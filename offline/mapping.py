@@ -209,6 +209,7 @@ def join_recording(
                 joiner.follow(mapper, frame)
         if progress is not None:
             progress((number + 1) / count)
+    mapper.end_searches()
     if not mapper.keys.reaches(mapper.frames[-1].key, known):
         raise SessionError("the drive ends without a connection to the map: record one that ends on mapped ground")
     if camera is not None:

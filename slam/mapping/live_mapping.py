@@ -154,13 +154,16 @@ class LiveMapping:
         return grid, depth_layer(scanned, grid, drops)
 
     def settle(self) -> MapperResult:
-        """Return the map so far, its graph optimised and its grid drawn completely; mapping can go on after it.
+        """Return the map so far: searches for loops done to their end, the graph optimised, the grid drawn completely.
+
+        Mapping can go on after it.
 
         Raises:
             NoScans: no frame with a scan has come yet.
         """
         if not self.mapper.frames:
             raise NoScans("there is no map yet, since no laser scan has come: check the lidar's power and topic")
+        self.mapper.end_searches()
         result = self.mapper.result()
         self.depth.follow(self.mapper, ended=True)
         with self._timed("grid"):

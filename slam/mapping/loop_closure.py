@@ -150,8 +150,31 @@ class LoopCloser:
         """
         edges = self._loops_here(keys, recent)
         for _ in range(_TORN_PIECES if keys.is_torn else 1):
-            if not edges:
-                edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
+            edges = edges or self._next_piece(keys)
+        return self._closed(edges)
+
+    def last_loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
+        """Return what `loops` might have found with further key scans: the longer searches are done to their end, and if they
+        find nothing, another one from the last key scan, too."""
+        edges = self._rest(keys)
+        if not edges:
+            self._since.search = self._since.submaps = math.inf
+            edges = self._loops_here(keys, recent) or self._rest(keys)
+        return self._closed(edges)
+
+    def _rest(self, keys: KeyGraph) -> list[Edge]:
+        """Do the longer searches up to their end or to the first edges; return these."""
+        edges: list[Edge] = []
+        while not edges and (self._overlap_search is not None or self._submap_search is not None):
+            edges = self._next_piece(keys)
+        return edges
+
+    def _next_piece(self, keys: KeyGraph) -> list[Edge]:
+        """Do the next piece of a longer search; return the edges that it leads to."""
+        return self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
+
+    def _closed(self, edges: list[Edge]) -> list[Edge]:
+        """Count accepted edges, after which all searches begin anew; return them."""
         self.counts["loops_closed"] += len(edges)
         if edges:
             self._since.loop, self._overlap_search, self._submap_search = 0.0, None, None

@@ -193,6 +193,14 @@ class Mapper:
         """Set the start of the drive relative to a key scan of an earlier drive; call it before the first frame."""
         self._set_current_key(key, key_from_base)
 
+    def end_searches(self) -> None:
+        """Search for loops to the end, as no further scan goes on with it; a drive that is saved may go on all the same."""
+        if self._recent_keys:
+            with self._timed("loops"):
+                loops = self._closer.last_loops(self.keys, self._recent_keys)
+            if loops:
+                self._add_loops(loops)
+
     def result(self) -> MapperResult:
         """Return the map so far, after a final optimisation of its graph."""
         with self._timed("optimisation"):

@@ -58,6 +58,7 @@ def mapped(walls: FloatArray, poses: Iterable[Pose2], bias: float | None) -> tup
             wheels = (Odometry(stamp, odometry),)
         mapper.process(SensorFrame(stamp, dataclasses.replace(cast(walls, pose), stamp_ns=stamp), wheels=wheels))
         truth.append(pose)
+    mapper.end_searches()
     return mapper.result(), np.array([pose.array() for pose in truth]), odometry
 
 
@@ -70,6 +71,14 @@ def test_a_round_of_200_m_closes_though_the_odometry_ends_75_m_off_or_is_none(bi
     assert any(edge.kind is EdgeKind.LOOP for edge in result.edges)
     assert away_from(result, truth).max() < 0.6
     assert torn_warnings(result) == []
+
+
+@pytest.mark.nightly
+def test_a_round_of_200_m_that_ends_soon_after_its_return_is_closed() -> None:
+    soon = way((5, 0), (WIDTH, 0), (WIDTH, DEPTH), (0, DEPTH), (0, 0), (12, 0))
+    result, truth, _ = mapped(corridors(bare=False), soon, -0.015)
+    assert any(edge.kind is EdgeKind.LOOP for edge in result.edges)
+    assert away_from(result, truth).max() < 0.3
 
 
 @pytest.mark.nightly

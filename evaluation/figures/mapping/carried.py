@@ -148,6 +148,7 @@ def mapper_over(recording: Recording, frames: Iterable[SensorFrame]) -> Mapper:
     mapper = Mapper(MapperSettings(), recording.base_from_laser)
     for frame in frames:
         mapper.process(frame)
+    mapper.end_searches()
     return mapper
 
 
