@@ -155,10 +155,10 @@ class LoopCloser:
 
     def last_loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
         """Return what `loops` might have found with further key scans: the longer searches are done to their end, and if they
-        find nothing, another one from the last key scan, too."""
+        find nothing, another one from the last key scan, too, if that is some way on."""
         edges = self._rest(keys)
         if not edges:
-            self._since.search = self._since.submaps = math.inf
+            self._since.search, self._since.next_round = math.inf, 0.0
             edges = self._loops_here(keys, recent) or self._rest(keys)
         return self._closed(edges)
 

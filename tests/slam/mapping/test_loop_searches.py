@@ -72,8 +72,6 @@ def test_a_run_that_ends_while_a_submap_waits_tells_that_it_was_never_searched(
     assert 0 in told[waiting[0] :]  # a run that goes on searches it
     # the last one became possible between two searches, and the drive ends before the next
     assert told[-1] == mapper.result().counts["submaps_never_searched"] == 1
-    mapper.end_searches()  # the drive ends there
-    assert mapper.result().counts["submaps_never_searched"] == 0
 
 
 def three_parts() -> KeyGraph:
@@ -115,6 +113,17 @@ def test_a_view_that_fits_two_parts_of_the_map_joins_them_if_they_are_the_same_t
     accepted = ended(own, keys, [find(20, 20), find(20, second + 20)])
     assert [edge.i for edge in accepted] == [20, second + 20]
     assert own.counts["places_ambiguous"] == 0
+
+
+def test_where_a_drive_ends_its_searches_go_on_to_their_end_and_a_view_confirms_no_find_of_its_own() -> None:
+    keys, own = three_parts(), closer()
+    recent = range(2 * len(ALONG), len(keys))
+    for _ in range(2):  # a map that is saved twice
+        assert own.last_loops(keys, recent) == []
+        assert own.never_searched == 0
+        assert own.counts["submap_searches"] == 1
+    own.add_distance(3.0)
+    assert {edge.i // len(ALONG) for edge in own.last_loops(keys, recent)} == {0, 1}
 
 
 @pytest.mark.parametrize(
