@@ -21,6 +21,7 @@ from waychair.slam.graph.information import (
     rotated_information,
     unknown_information,
 )
+from waychair.slam.graph.robust_optimisation import chained_poses, solve
 from waychair.slam.mapping.carried import CarryJudge, OpenTear, Verdict, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_candidates import LoopSettings, candidates, graph_distances, uncertain_submaps
@@ -264,6 +265,18 @@ def test_a_tear_is_undone_if_a_loop_over_it_agrees_with_the_odometry(moved: floa
         keys.optimise()
         assert not keys.is_torn
         assert keys.poses[19, 0] == pytest.approx(9.5 + moved, abs=0.02)
+
+
+def test_a_chair_carried_far_through_a_building_bends_no_weak_odometry_once_its_map_is_joined() -> None:
+    true = np.array([[10.0 * k, 0.0, 0.0] for k in range(10)] + [[300.0 - 10.0 * k, 0.0, math.pi] for k in range(29)])
+    sure = np.diag([MATCH_POSITION_SIGMA**-2, MATCH_POSITION_SIGMA**-2, 4e4])
+    poses = [Pose2(*pose) for pose in true.tolist()]
+    edges = [Edge(k, k + 1, poses[k].inverse() @ poses[k + 1], sure, EdgeKind.MATCH) for k in range(len(poses) - 1)]
+    edges[9] = Edge(9, 10, Pose2(), unknown_information(), EdgeKind.UNKNOWN)  # carried by 210 m
+    edges[20] = dataclasses.replace(edges[20], kind=EdgeKind.ODOMETRY, information=np.diag([20.0, 20.0, 70.0]))
+    edges.append(Edge(4, 36, poses[4].inverse() @ poses[36], sure, EdgeKind.LOOP))
+    found = solve(chained_poses(true, edges), edges).poses
+    assert np.hypot(*(found - true)[:, :2].T).max() < 0.5
 
 
 def test_before_any_loop_the_part_after_a_tear_moves_with_the_edge_that_undoes_it() -> None:
