@@ -48,8 +48,6 @@ from waychair.slam.scan.submap_search import SubmapPyramids, SubmapRound
 from waychair.types import FloatArray, Pose2
 
 _QUERY_CELL = 0.1
-
-
 _QUERY_SCANS = 6  # latest key scans that are matched together
 _MIN_RESPONSE = 0.5  # least mean likelihood
 _MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
@@ -101,6 +99,8 @@ class LoopRejection(enum.Enum):
 class LoopCloser:
     """Searches for loops while the chair drives; `counts` holds the number of searches, finds and rejections."""
 
+    _submap_finds: tuple[Edge, ...] = ()  # of the class, since older checkpoints were saved without it
+
     def __init__(
         self,
         settings: LoopSettings,
@@ -120,7 +120,6 @@ class LoopCloser:
         ] = {}  # by first key scan: whether a submap where the chair can have been was searched
         self._overlap_search: CandidatesSearch | None = None
         self._submap_search: SubmapsSearch | None = None
-        self._submap_finds: list[Edge] = []
         self._overlap_finds: list[Find] = []
         self._recognised: Find | None = None
 
@@ -138,7 +137,7 @@ class LoopCloser:
     def begin_part(self) -> None:
         """Forget what was found before, since the chair may have been carried."""
         self._overlap_search = self._submap_search = self._recognised = None
-        self._overlap_finds, self._submap_finds = [], []
+        self._overlap_finds, self._submap_finds = [], ()
         self._since.end_round(is_fruitless=False)
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
@@ -358,10 +357,10 @@ class LoopCloser:
         earlier, finds = self._submap_finds, search.edges
         if not self._is_one_place(keys, finds):
             self.counts["places_ambiguous"] += 1
-            self._submap_finds = []
+            self._submap_finds = ()
             return []
         if finds:  # a round that finds nothing says nothing of the one before
-            self._submap_finds = finds
+            self._submap_finds = tuple(finds)
         before = [_find_of(keys, find) for find in earlier]
         return [
             find
