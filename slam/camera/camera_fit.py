@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from waychair.slam.camera.features import gray_image
-from waychair.slam.camera.meeting_surfaces import between_pixels, meeting
+from waychair.slam.camera.meeting_surfaces import Surfaces, between_pixels, meeting, of_squares
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.reprojection import move_kernel, pinhole, unrolled
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
@@ -31,10 +31,7 @@ _BACK = 0.5  # px; a corner that is tracked back to another place was lost
 _LEAST_CORNERS = 60  # of a turn
 _TURN, _LEAST_TURN = 0.16, 0.08  # rad; a turn is full, and counts
 _TURNS, _LEAST_TURNS = 24, 6  # most and least turns that are fitted
-_BLOCK = 4  # px; side of the squares over which depth is averaged
-_FLAT = 0.06  # largest relative step of depth within a square
-_CREASE = 3.0  # largest spread about a surface's plane over the middle one
-_REACH, _STRIDE = 2, 3  # squares: half the side of a surface, and between the surfaces that are compared
+_STRIDE = 3  # squares between the surfaces that are compared
 _ITERATIONS, _ICP_STEPS = 12, 8
 _PIXEL, _HUBER = 0.5, 1.5  # px, sigma
 _RANGE = (0.002, 0.001)  # m, 1/m; noise of a surface's depth: constant, and times the squared depth
@@ -81,8 +78,10 @@ class CameraFit:
     @property
     def registered(self) -> bool:
         """Whether depth may be registered to colour: nothing shows that the sensors lie or look apart."""
-        apart = (self.offset, self.rotation) > np.maximum((_OFFSET, _ROTATION), _SURE * self._doubts[1:])
-        return not (self._explains and apart.any())
+        turn, shift = _vector_of(self.colour_from_depth.rotation), self.colour_from_depth.translation
+        # each axis by its own doubt: turns of a chair about one axis tell sideways offsets well, and heights hardly
+        doubts = np.maximum(np.repeat((_ROTATION, _OFFSET), 3), _SURE * self.deviations[2:])
+        return not (self._explains and (np.abs(np.concatenate([turn, shift])) > doubts).any())
 
     @property
     def focal_right(self) -> bool:
@@ -96,11 +95,6 @@ class CameraFit:
         share = _EXPLAINED if self.error_fitted > _SHARP * self.focal else _EXPLAINED_SHARPLY
         return self.error_fitted < share * self.error_given
 
-    @property
-    def _doubts(self) -> FloatArray:
-        """Standard deviations of a focal factor, of the offset [m] and of the rotation [rad]."""
-        return np.array([self.deviations[0], self.deviations[5:8].max(), self.deviations[2:5].max()])
-
 
 _PixelTerm: TypeAlias = tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -110,8 +104,8 @@ class _Turn:
     """Two pictures between which the camera turned: surfaces, corners (N, 2) [px] in both, and the
     rotation (3, 3) `new_from_old` by the corners."""
 
-    old: _Surfaces
-    new: _Surfaces
+    old: Surfaces
+    new: Surfaces
     before: FloatArray
     after: FloatArray
     rotation: FloatArray
@@ -179,7 +173,7 @@ def _turns(frames: Iterable[RgbdFrame]) -> tuple[FloatArray | None, list[_Turn]]
                 continue
             if len(now) >= _LEAST_CORNERS and angle >= _LEAST_TURN:
                 corners = _unrolled(before, key, begun, camera), _unrolled(now, frame, rate, camera)
-                surfaces = _Surfaces.of(key, begun), _Surfaces.of(frame, rate)
+                surfaces = Surfaces.of(key, begun), Surfaces.of(frame, rate)
                 turns.append(_Turn(*surfaces, *corners, turn))
         key, last, begun = frame, (gray, frame.stamp_ns), None
         found = cv2.goodFeaturesToTrack(gray, _CORNERS, _QUALITY, _APART)
@@ -222,63 +216,6 @@ def _rotation_of(before: Float32Array, now: Float32Array, camera: FloatArray) ->
     return turn
 
 
-@dataclass(frozen=True, slots=True)
-class _Surfaces:
-    """The planes seen in a depth picture, by squares (h, w): middle inverse depth [1/m] and its slopes across and down
-    [1/m a square]; nan where there is a step or a hole. On a plane, inverse depth is linear across the picture.
-    """
-
-    inverse: FloatArray
-    across: FloatArray
-    down: FloatArray
-    lag: FloatArray
-    """Turn [rad] of things (3,) while one row of squares is exposed, of a rolling shutter."""
-
-    @classmethod
-    def of(cls, frame: RgbdFrame, rate: FloatArray) -> _Surfaces:
-        """Return the surfaces of a picture that was taken while things turned by `rate` (3,) [rad/s]."""
-        depth = frame.depth
-        height, width = (side // _BLOCK * _BLOCK for side in depth.shape)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / depth[:height, :width].astype(np.float64)
-            blocks = inverse.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
-            low, high, middle = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3)), blocks.mean(axis=(1, 3))
-            middle[~(np.isfinite(middle) & (low > 0.0) & (high - low < _FLAT * middle))] = np.nan
-        along = np.arange(-_REACH, _REACH + 1.0)
-        even, slope = np.ones_like(along) / len(along), along / (along**2).sum()
-        found = [cv2.sepFilter2D(middle, -1, *filters) for filters in ((even, even), (slope, even), (even, slope))]
-        mean, across, down = (np.asarray(each, np.float64) for each in found)
-        square = np.asarray(cv2.sepFilter2D(middle**2, -1, even, even), np.float64)
-        # spread about the plane: where it is large, two surfaces meet, and the plane is neither's
-        spread = square - mean**2 - (across**2 + down**2) * float((along**2).mean())
-        if np.isfinite(spread).any():
-            mean[~(spread <= _CREASE * np.nanmedian(spread) + 1e-9)] = np.nan
-        return cls(mean, across, down, rate * frame.row_step * _BLOCK)
-
-    def planes(self, camera: FloatArray, stride: int = 1) -> tuple[FloatArray, FloatArray]:
-        """Return points (N, 3) [m] on the surfaces, row by row, and their normals, by the camera (4,) of squares."""
-        rows, columns = (
-            each.ravel() for each in np.mgrid[: self.inverse.shape[0] : stride, : self.inverse.shape[1] : stride]
-        )
-        inverse, across, down = (each[rows, columns] for each in (self.inverse, self.across, self.down))
-        x, y = (columns - camera[2]) / camera[0], (rows - camera[3]) / camera[1]
-        points = np.column_stack([x, y, np.ones(len(x))]) / inverse[:, None]
-        # n with n . point = 1: the plane's inverse depth at any pixel is n . ray
-        rest = inverse - across * (columns - camera[2]) - down * (rows - camera[3])
-        normals = np.column_stack([across * camera[0], down * camera[1], rest])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        if self.lag.any():
-            late = (rows - 0.5 * len(self.inverse))[:, None] * self.lag
-            points, normals = points - np.cross(late, points), normals - np.cross(late, normals)
-        return points, normals
-
-
-def _of_squares(camera: FloatArray) -> FloatArray:
-    """Return the camera (4,) for pictures of squares."""
-    middle = 0.5 * (_BLOCK - 1)
-    return np.array([*(camera[:2] / _BLOCK), *((camera[2:] - middle) / _BLOCK)])
-
-
 class _Fit:
     """The least squares: parameters (8,) are logarithms of the colour's and depth's focal factors, rotation vector [rad]
     and translation [m] of `colour_from_depth`; each turn has its motion `new_from_old` of the depth sensor."""
@@ -289,6 +226,7 @@ class _Fit:
         self.owner = np.repeat(np.arange(len(turns)), [len(turn.before) for turn in turns])
         self.before = np.concatenate([turn.before for turn in turns])
         self.after = np.concatenate([turn.after for turn in turns])
+        self._planes: tuple[float, list[list[_Planes]]] | None = None  # for a depth's focal factor, of each turn
 
     def solved(self) -> CameraFit | None:
         """Return the fit; None where depth alone gives too few motions."""
@@ -335,7 +273,7 @@ class _Fit:
         colour_from_depth = _pose(parameters)
         turn, shift = colour_from_depth.rotation, colour_from_depth.translation
         colour = self.camera[:2] * math.exp(parameters[0])
-        depth = _of_squares(self.camera * (math.exp(parameters[1]), math.exp(parameters[1]), 1.0, 1.0))
+        depth = of_squares(self.camera * (math.exp(parameters[1]), math.exp(parameters[1]), 1.0, 1.0))
         rays = np.column_stack([(self.before - self.camera[2:]) / colour, np.ones(len(self.before))]) @ turn
         origin = -shift @ turn
         along = np.full(len(rays), 2.0)
@@ -431,11 +369,17 @@ class _Fit:
 
     def _depth_terms(self, parameters: FloatArray, motions: list[Pose3]) -> list[_DepthTerm]:
         """Return the normal equations of depth for each turn, by its motion and by the depth's focal length."""
+        logarithm = float(parameters[1])
         cameras = [
-            _of_squares(self.camera * (factor, factor, 1.0, 1.0))
-            for factor in (math.exp(parameters[1]), math.exp(parameters[1] + _STEP))
+            of_squares(self.camera * (factor, factor, 1.0, 1.0))
+            for factor in (math.exp(logarithm), math.exp(logarithm + _STEP))
         ]
-        return [_depth_term(turn, motion, cameras) for turn, motion in zip(self.turns, motions, strict=True)]
+        if self._planes is None or self._planes[0] != logarithm:  # as long as the camera stays, its planes do
+            self._planes = logarithm, [[_Planes.of(turn, camera) for camera in cameras] for turn in self.turns]
+        return [
+            _depth_term(planes, motion, cameras[0], turn.new.inverse.shape)
+            for planes, motion, turn in zip(self._planes[1], motions, self.turns, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,21 +395,35 @@ class _DepthTerm:
     count: int
 
 
-def _depth_term(turn: _Turn, motion: Pose3, cameras: list[FloatArray]) -> _DepthTerm:
+@dataclass(frozen=True, slots=True)
+class _Planes:
+    """Points (N, 3) [m] on the old picture's surfaces and (M, 3) on the new one's, and their normals, by one camera."""
+
+    old: FloatArray
+    old_facing: FloatArray
+    new: FloatArray
+    facing: FloatArray
+
+    @classmethod
+    def of(cls, turn: _Turn, camera: FloatArray) -> _Planes:
+        """Return the planes of a turn by the camera (4,) of pictures of squares."""
+        return cls(*turn.old.planes(camera, _STRIDE), *turn.new.planes(camera))
+
+
+def _depth_term(planes: list[_Planes], motion: Pose3, camera: FloatArray, shape: tuple[int, ...]) -> _DepthTerm:
     """Compare the old picture's points, moved, with the surfaces of the new one that the camera sees in their place.
 
-    `cameras`: those of the pictures of squares, and with a slightly longer focal length, for the derivative.
+    `planes`: by the camera (4,) of pictures of squares of a shape (h, w), and by a slightly longer focal length, for the
+    derivative.
     """
-    errors, met, there, normals, away = [], np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
-    at = np.empty(0, np.int64)
-    for camera in cameras:
-        old, old_facing = turn.old.planes(camera, _STRIDE)
-        new, facing = turn.new.planes(camera)
-        points = old @ motion.rotation.T + motion.translation
-        if camera is cameras[0]:
-            met, at = meeting(points, old_facing @ motion.rotation.T, new, facing, camera, turn.new.inverse.shape)
-            there, normals, away = points[met], facing[at], points[met, 2]
-        errors.append(((points[met] - new[at]) * facing[at]).sum(axis=1))
+    first = planes[0]
+    points = first.old @ motion.rotation.T + motion.translation
+    met, at = meeting(points, first.old_facing @ motion.rotation.T, first.new, first.facing, camera, shape)
+    there, normals, away = points[met], first.facing[at], points[met, 2]
+    errors = [
+        ((each.old[met] @ motion.rotation.T + motion.translation - each.new[at]) * each.facing[at]).sum(axis=1)
+        for each in planes
+    ]
     sigma = _RANGE[0] + _RANGE[1] * away**2
     weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(errors[0]), 1e-9)) / sigma**2
     by_motion = np.concatenate([np.cross(there, normals), normals], axis=1)
