@@ -95,7 +95,7 @@ def export_cloud(
     """
     s, clouds = settings or CloudSettings(), _open3d()
     sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
-    images, warnings = _posed(source, mapping or MappingSettings(), progress)
+    images, warnings = posed_images(source, mapping or MappingSettings(), progress)
     for posed in images:
         pictures += 1
         if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
@@ -130,10 +130,15 @@ def _is_key(last: Pose3 | None, here: Pose3) -> bool:
     return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
 
 
-def _posed(
-    source: Path, settings: MappingSettings | RgbdMappingSettings, progress: Callable[[str, float], None]
+def posed_images(
+    source: Path,
+    settings: MappingSettings | RgbdMappingSettings,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> tuple[Iterator[PosedImage], list[str]]:
-    """Return the images of a recording, or of a map's recording, that have a pose, in order, and the camera's warnings."""
+    """Return the images of a recording, or of a map's recording, that have a pose, in order, and the camera's warnings.
+
+    Raises as `export_cloud`, but for the cloud's file and Open3D.
+    """
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
     made = None if folder is None else _read_report(report)

@@ -38,7 +38,9 @@ _RANGE = (0.002, 0.001)  # m, 1/m; noise of a surface's depth: constant, and tim
 _PRIOR = 0.1  # standard deviation of shares, rad, m: cameras are no farther from what is told of them
 _STEP = 1e-4  # of numerical derivatives
 _OFFSET, _ROTATION, _FOCAL = 0.01, 0.01, 0.02  # m, rad, share; what registered cameras are off by at most
+_TOLERANCES = np.repeat((_FOCAL, _ROTATION, _OFFSET), (2, 3, 3))
 _SURE = 4.0  # standard deviations
+_HELD = 1e-6  # standard deviation of what stays as it is told
 _EXPLAINED, _EXPLAINED_SHARPLY = 0.8, 0.93
 """Share of the given camera's error that another one may leave: where blur, a rolling shutter and depth's own faults remain,
 and where the other camera explains the turns to the noise."""
@@ -78,16 +80,30 @@ class CameraFit:
     @property
     def registered(self) -> bool:
         """Whether depth may be registered to colour: nothing shows that the sensors lie or look apart."""
-        turn, shift = _vector_of(self.colour_from_depth.rotation), self.colour_from_depth.translation
         # each axis by its own doubt: turns of a chair about one axis tell sideways offsets well, and heights hardly
-        doubts = np.maximum(np.repeat((_ROTATION, _OFFSET), 3), _SURE * self.deviations[2:])
-        return not (self._explains and (np.abs(np.concatenate([turn, shift])) > doubts).any())
+        return not (self._explains and self._apart[2:].any())
 
     @property
     def focal_right(self) -> bool:
         """Whether both focal lengths may be the given one."""
-        factors = np.abs(np.log([self.colour_focal, self.depth_focal]))
-        return not (self._explains and (factors > np.maximum(_FOCAL, _SURE * self.deviations[:2])).any())
+        return not (self._explains and self._apart[:2].any())
+
+    @property
+    def vague(self) -> BoolArray:
+        """Which parameters (8,), in the order of `deviations`, the turns tell no better than what is given."""
+        vague = (self.deviations > _TOLERANCES) & (np.abs(self._parameters) < self.deviations)
+        return np.asarray(vague, np.bool_)
+
+    @property
+    def _apart(self) -> BoolArray:
+        """Which parameters (8,) are surely not those of a registered camera with the given focal length."""
+        return np.asarray(np.abs(self._parameters) > np.maximum(_TOLERANCES, _SURE * self.deviations), np.bool_)
+
+    @property
+    def _parameters(self) -> FloatArray:
+        """The parameters (8,) as `_Fit` has them."""
+        focal = np.log([self.colour_focal, self.depth_focal])
+        return np.concatenate([focal, _vector_of(self.colour_from_depth.rotation), self.colour_from_depth.translation])
 
     @property
     def _explains(self) -> bool:
@@ -229,21 +245,33 @@ class _Fit:
         self._planes: tuple[float, list[list[_Planes]]] | None = None  # for a depth's focal factor, of each turn
 
     def solved(self) -> CameraFit | None:
-        """Return the fit; None where depth alone gives too few motions."""
+        """Return the fit; None where depth alone gives too few motions.
+
+        Where the camera is wrong, what the turns do not tell stays as it is given, instead of becoming noise.
+        """
         given = np.zeros(8)
         motions = [Pose3(turn.rotation.copy(), np.zeros(3)) for turn in self.turns]
         for _ in range(_ICP_STEPS):
             motions, _ = self._step(given, motions, self._depth_terms(given, motions), None)
         for _ in range(_ICP_STEPS):
             pixels = self._pixel_blocks(given, motions)
-            motions, _ = self._step(given, motions, self._depth_terms(given, motions), pixels, moves_camera=False)
+            motions, _ = self._step(given, motions, self._depth_terms(given, motions), pixels)
         error_given = self._middle_error(given, motions)
-        found, deviations = given, np.zeros(8)
+        fit = self._fitted(motions, np.full(8, _PRIOR), error_given)
+        if fit is None or (fit.registered and fit.focal_right) or not fit.vague.any():
+            return fit
+        held = self._fitted(motions, np.where(fit.vague, _HELD, _PRIOR), error_given)
+        return None if held is None else replace(held, deviations=fit.deviations)
+
+    def _fitted(self, motions: list[Pose3], priors: FloatArray, error_given: float) -> CameraFit | None:
+        """Return the fit with standard deviations (8,) of the given camera, from motions by it."""
+        found, deviations = np.zeros(8), np.zeros(8)
         for _ in range(_ITERATIONS):
             terms = self._depth_terms(found, motions)
             if sum(each.count > 0 for each in terms) < _LEAST_TURNS:
                 return None
-            motions, (step, deviations) = self._step(found, motions, terms, self._pixel_blocks(found, motions))
+            blocks = self._pixel_blocks(found, motions)
+            motions, (step, deviations) = self._step(found, motions, terms, blocks, priors=priors)
             found = found + step
             if np.abs(step).max() < 1e-5:
                 break
@@ -312,13 +340,15 @@ class _Fit:
         terms: list[_DepthTerm],
         pixels: list[_PixelTerm] | None,
         *,
-        moves_camera: bool = True,
+        priors: FloatArray | None = None,
     ) -> tuple[list[Pose3], tuple[FloatArray, FloatArray]]:
         """Return the motions after a Gauss-Newton step, and the step of the parameters with standard deviations (8,).
 
-        The motions are eliminated. Without `pixels` only depth counts; unless `moves_camera`, the parameters stay.
+        The motions are eliminated. Without `pixels` only depth counts; without `priors`, the standard deviations (8,) of
+        the given camera, the parameters stay.
         """
-        normal, pull = np.eye(8) / _PRIOR**2, -parameters / _PRIOR**2
+        weights = (np.full(8, _PRIOR) if priors is None else priors) ** -2
+        normal, pull = np.diag(weights), -parameters * weights
         solved = []
         for number, term in enumerate(terms):
             own, mixed, shared = term.own.copy(), np.zeros((6, 8)), np.zeros((8, 8))
@@ -334,7 +364,7 @@ class _Fit:
             normal += shared - mixed.T @ solved[-1][0]
             pull += shared_right - mixed.T @ solved[-1][1]
         step = np.zeros(8)
-        if moves_camera and pixels is not None:
+        if priors is not None:
             step = np.asarray(np.linalg.solve(normal, pull), np.float64)
         deviations = np.asarray(np.sqrt(np.diag(np.linalg.inv(normal))), np.float64)
         moved = []
