@@ -15,15 +15,18 @@ import pytest
 from tests.slam.conftest import WALLS, scan_at
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, WALL_HEIGHT, picture_at
 from waychair.cli.main import app
+from waychair.maps.folders.depth_layer import load_depth_layer
 from waychair.offline.camera_check import checked_pictures
 from waychair.offline.cloud_export import PosedImage, posed_images
 from waychair.offline.mapping import MappingSettings, map_recording
+from waychair.offline.sessions import continue_map, load_state
 from waychair.recordings.bags.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, LASER_FRAME
 from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.rgbd_folders import RgbdSettings
 from waychair.slam.camera.camera_fit import PICTURES
 from waychair.slam.camera.coloured_points import coloured_points
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.types import Json, Odometry, Pose2, Pose3, RgbdFrame
 
 clouds = pytest.mark.skipif(importlib.util.find_spec("open3d") is None, reason="Open3D is not installed")
@@ -43,7 +46,7 @@ def swaying(count: int) -> list[Pose2]:
     return [Pose2(1.5 + 0.02 * k, 1.8, 0.5 * math.sin(0.25 * k)) for k in range(count)]
 
 
-def written(path: Path, depth_from: Pose2 | None, count: int = 30) -> Path:
+def written(path: Path, depth_from: Pose2 | None, count: int = 40) -> Path:
     """Write a drive with scans, odometry and, unless `depth_from` is None, pictures whose depth is seen from there."""
     poses = swaying(count)
     with RecordingWriter(path, MOUNTS) as writer:
@@ -116,6 +119,24 @@ def test_with_auto_the_estimate_is_used_by_the_map_and_by_the_cloud(
         assert told.endswith("--register auto uses the estimate" if name == "as told" else "this is used")
     assert errors["by the estimate"] < 0.6 * errors["as told"]
     assert errors["of the map"] == pytest.approx(errors["by the estimate"], rel=0.05)
+
+
+@pytest.mark.nightly
+def test_a_map_of_depth_alone_is_made_by_the_estimated_camera(unregistered: Path, tmp_path: Path) -> None:
+    camera = mapped(unregistered, tmp_path, "--depth", "only", "--register", "auto")["camera"]
+    assert (camera["registered"], camera["estimate_used"]) == (False, True)
+
+
+def test_a_map_with_depth_is_taken_up_with_its_depth_for_a_further_drive(unregistered: Path, tmp_path: Path) -> None:
+    kept = mapped(unregistered, tmp_path)["depth"]["kept"]
+    live = LiveMapping(MappingSettings(), Pose2(), base_from_camera=BASE_FROM_CAMERA)
+    grid = continue_map(live, load_state(tmp_path))
+    assert len(live.depth.assembly) == kept > 0
+    layer = load_depth_layer(tmp_path, grid)
+    taken_up = live.layered_grid()[1]
+    assert layer is not None
+    assert taken_up is not None
+    np.testing.assert_array_equal(taken_up.cells > 0, layer.cells > 0)
 
 
 @clouds
