@@ -96,10 +96,10 @@ def checked_pictures(recording: Recording, register: Literal["check", "auto"]) -
     """
     began = time.process_time()
     check = _camera_check(recording)
-    used = register == "auto" and check is not None and not check.fits
-    if used and check is not None and check.fit is not None:
-        recording = replace(recording, pictures=partial(_registered, recording.pictures, check.fit))
-    return CheckedPictures(recording, check, used, time.process_time() - began)
+    estimate = None if check is None or check.fits or register != "auto" else check.fit
+    if estimate is not None:
+        recording = replace(recording, pictures=partial(_registered, recording.pictures, estimate))
+    return CheckedPictures(recording, check, estimate is not None, time.process_time() - began)
 
 
 def _camera_check(recording: Recording) -> CameraCheck | None:
