@@ -63,7 +63,7 @@ def localize_command(
     if out.resolve() in (map.resolve(), map.resolve().parent):
         raise BadArgument(f"--out {out} is the map's folder, whose files would be overwritten: choose another one")
     with stages(quiet) as progress:
-        progress.warn(reading.without_pictures())
+        progress.warn((*reading.without_pictures(), *reading.without_colour_and_depth()))
         log = progress.read(recordings, settings.input)
         localised = localise_recording(
             log, grid, settings, begin, progress.stage("localising"), progress.stage("checking")

@@ -39,6 +39,7 @@ def export_command(
         Print nothing but errors.
     """
     from waychair.cli.options.configuration import load_recording_settings
+    from waychair.cli.options.messages import warn
     from waychair.cli.options.progress import told_stages
     from waychair.offline.cloud_export import CloudSettings, export_cloud
     from waychair.offline.mapping import MappingSettings
@@ -54,6 +55,8 @@ def export_command(
     with told_stages(quiet) as show:
         done = export_cloud(source, ply, CloudSettings(voxel=voxel), settings, show)
     if not quiet:
+        for warning in done.warnings:
+            warn(warning)
         print(
             f"{done.points} points of {done.key_frames} key frames among {done.pictures} pictures: "
             f"{ply.with_suffix('.ply')}"

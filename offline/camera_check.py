@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, islice
+from typing import Literal
 
-import numpy as np
-
+from waychair.errors import RecordingError
 from waychair.recordings.recording import Recording
-from waychair.slam.camera.camera_fit import CameraFit, fit_camera
+from waychair.slam.camera.camera_fit import PICTURES, CameraFit, fit_camera, registered
 from waychair.slam.camera.reprojection import pinhole
-from waychair.types import FloatArray, Json
+from waychair.types import FloatArray, Json, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +67,57 @@ class CameraCheck:
         }
 
 
-def check_camera(recording: Recording) -> CameraCheck:
+@dataclass(frozen=True, slots=True)
+class CheckedPictures:
+    """A recording with its pictures as they are to be used, and what the check of their camera found.
+
+    `check` is None where no picture with depth can be read. `used`: whether the pictures are those of the estimated
+    camera. `seconds`: CPU time [s] of the check.
+    """
+
+    recording: Recording
+    check: CameraCheck | None
+    used: bool
+    seconds: float
+
+    def sentences(self) -> list[str]:
+        """Return the warning about a camera that does not fit."""
+        return [] if self.check is None else self.check.sentences(self.used)
+
+    def data(self) -> Json:
+        """Return the part `camera` of report.json; empty without a check."""
+        return {} if self.check is None else self.check.data(self.used)
+
+
+def checked_pictures(recording: Recording, register: Literal["check", "auto"]) -> CheckedPictures:
+    """Check the camera of a recording's pictures; with "auto" they become those of the estimate, if the camera is wrong.
+
+    Only the first `PICTURES` pictures are read for it, once.
+    """
+    began = time.process_time()
+    check = _camera_check(recording)
+    estimate = None if check is None or check.fits or register != "auto" else check.fit
+    if estimate is not None:
+        recording = replace(recording, pictures=partial(_registered, recording.pictures, estimate))
+    return CheckedPictures(recording, check, estimate is not None, time.process_time() - began)
+
+
+def _camera_check(recording: Recording) -> CameraCheck | None:
     """Compare depth with colour over the first turns of a recording; its count of unreadable pictures does not change."""
     unread = Counter(recording.unread)
-    first = next(iter(recording.pictures()), None)
-    fit = None if first is None else fit_camera(recording.pictures())
-    recording.unread.clear()
-    recording.unread.update(unread)
-    given = pinhole(first.camera_matrix) if first is not None else np.zeros(4)
-    return CameraCheck(fit, given)
+    pictures = islice(recording.pictures(), PICTURES)
+    try:
+        first = next(pictures, None)
+        if first is None:
+            return None
+        return CameraCheck(fit_camera(chain([first], pictures)), pinhole(first.camera_matrix))
+    except RecordingError:
+        return None  # who uses the pictures tells it
+    finally:
+        recording.unread.clear()
+        recording.unread.update(unread)
+
+
+def _registered(pictures: Callable[[], Iterator[RgbdFrame]], fit: CameraFit) -> Iterator[RgbdFrame]:
+    for picture in pictures():
+        yield registered(picture, fit)

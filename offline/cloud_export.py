@@ -21,6 +21,7 @@ from waychair.geometry import in_space, interpolate, pose_from_array
 from waychair.install_advice import install_command
 from waychair.maps.depth.depth_scan import DepthSettings, frame_problem
 from waychair.maps.folders.map_files import yaml_path
+from waychair.offline.camera_check import CheckedPictures, checked_pictures
 from waychair.offline.depth_recording import mount_of_camera
 from waychair.offline.mapping import MappingSettings, map_recording
 from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures
@@ -30,7 +31,7 @@ from waychair.slam.camera.coloured_points import coloured_points
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.mapping.depth_mapping import DepthMapping
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
-from waychair.types import IntArray, Pose3, RgbdFrame, Trajectory, Trajectory3
+from waychair.types import IntArray, Json, Pose3, RgbdFrame, Trajectory, Trajectory3
 
 _KEY_DISTANCE = 0.3  # m; distance after which an image becomes a key frame
 _KEY_ANGLE = math.radians(15)  # rad; turn after which an image becomes a key frame
@@ -64,11 +65,12 @@ class PosedImage:
 
 @dataclass(frozen=True, slots=True)
 class ExportCounts:
-    """Numbers of a cloud: key frames in it, images read, and points."""
+    """Numbers of a cloud: key frames in it, images read, and points; and warnings about the camera."""
 
     key_frames: int
     pictures: int
     points: int
+    warnings: tuple[str, ...] = ()
 
 
 def export_cloud(
@@ -81,7 +83,8 @@ def export_cloud(
     """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
 
     `mapping` tells how the recording is read and mapped; settings of the other kind of recording only tell how to read it.
-    `progress` is called with a stage and the share (0 to 1) of it that is done.
+    `progress` is called with a stage and the share (0 to 1) of it that is done. The camera is checked; its estimate is
+    used where the settings say so, or where the map was made with it.
 
     Raises:
         MissingExtra: Open3D, which makes and writes clouds, is not installed.
@@ -92,7 +95,8 @@ def export_cloud(
     """
     s, clouds = settings or CloudSettings(), _open3d()
     sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
-    for posed in _posed(source, mapping or MappingSettings(), progress):
+    images, warnings = posed_images(source, mapping or MappingSettings(), progress)
+    for posed in images:
         pictures += 1
         if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
             continue
@@ -106,7 +110,7 @@ def export_cloud(
     with replacing(ply.with_suffix(".ply")) as aside:
         if not clouds.io.write_point_cloud(str(aside), sum_):
             raise OSError(f"Open3D cannot write {aside.name}")
-    return ExportCounts(keys, pictures, len(sum_.points))
+    return ExportCounts(keys, pictures, len(sum_.points), tuple(warnings))
 
 
 def _open3d() -> Any:
@@ -126,35 +130,46 @@ def _is_key(last: Pose3 | None, here: Pose3) -> bool:
     return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
 
 
-def _posed(
-    source: Path, settings: MappingSettings | RgbdMappingSettings, progress: Callable[[str, float], None]
-) -> Iterator[PosedImage]:
-    """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
+def posed_images(
+    source: Path,
+    settings: MappingSettings | RgbdMappingSettings,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> tuple[Iterator[PosedImage], list[str]]:
+    """Return the images of a recording, or of a map's recording, that have a pose, in order, and the camera's warnings.
+
+    Raises as `export_cloud`, but for the cloud's file and Open3D.
+    """
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
+    made = None if folder is None else _read_report(report)
     recording = read_recording(
-        [source] if folder is None else _recording_of(report), settings.input, progress=partial(progress, "reading")
+        [source] if made is None else made.parts, settings.input, progress=partial(progress, "reading")
     )
     map_progress = partial(progress, "mapping")
+    register = "auto" if made is not None and made.registered else settings.input.rgbd.register
+    checked: CheckedPictures | None
     if is_rgbd_folder(recording.path):
         if folder is None:
             pictured = settings if isinstance(settings, RgbdMappingSettings) else RgbdMappingSettings()
-            way = map_pictures(recording, pictured, map_progress).result.trajectory
+            mapped = map_pictures(recording, pictured, map_progress)
+            way, checked = mapped.result.trajectory, mapped.pictures
         else:
-            way = read_tum_in_space(folder / "trajectory.tum")
-        yield from _told(_in_space(recording, way), way.stamps_ns, progress)
-        return
+            way, checked = read_tum_in_space(folder / "trajectory.tum"), checked_pictures(recording, register)
+        images = _in_space(checked.recording, way)
+        return _told(images, way.stamps_ns, progress), checked.sentences()
     scanned = settings if isinstance(settings, MappingSettings) else MappingSettings()
     mount, amiss = mount_of_camera(recording, scanned.depth)
     if mount is None:
         raise NoPictures(amiss[0] if amiss else f"{recording.path} holds no pictures with depth")
     if folder is None:
-        flat = map_recording(
+        mapping = map_recording(
             recording, replace(scanned, vision="off"), map_progress, checking=partial(progress, "checking")
-        ).result.trajectory
+        )
+        flat, checked = mapping.result.trajectory, mapping.pictures
+        assert checked is not None, "the camera's mount is known"
     else:
-        flat = read_tum(folder / "trajectory.tum")
-    yield from _told(_on_floor(recording, mount, flat), flat.stamps_ns, progress)
+        flat, checked = read_tum(folder / "trajectory.tum"), checked_pictures(recording, register)
+    return _told(_on_floor(checked.recording, mount, flat), flat.stamps_ns, progress), checked.sentences()
 
 
 def _told(
@@ -167,10 +182,19 @@ def _told(
         yield image
 
 
-def _recording_of(report: Path) -> list[Path]:
+@dataclass(frozen=True, slots=True)
+class _MadeMap:
+    """The files of the recording that a map was made of, and whether its pictures were used by the estimated camera."""
+
+    parts: list[Path]
+    registered: bool
+
+
+def _read_report(report: Path) -> _MadeMap:
     try:
-        told = json.loads(report.read_text(encoding="utf-8"))
-        return [Path(str(part)) for part in told.get("parts") or [told["input"]]]
+        told: Json = json.loads(report.read_text(encoding="utf-8"))
+        parts = [Path(str(part)) for part in told.get("parts") or [told["input"]]]
+        return _MadeMap(parts, bool(told.get("camera", {}).get("estimate_used")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MapError(f"{report} does not say which recording the map was made of: make the map again") from error
 

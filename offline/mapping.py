@@ -50,6 +50,7 @@ from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 
 if TYPE_CHECKING:
     from waychair.offline.appearance_mapping import MemoryBuilder
+    from waychair.offline.camera_check import CheckedPictures
 
 _LEAST_SCANS = 10  # a recording of fewer is no drive
 
@@ -85,6 +86,8 @@ class Mapping:
     depth: OccupancyGrid | None = None
     state: MapState | None = None
     """The state from which a further drive can continue the map."""
+    pictures: CheckedPictures | None = None
+    """The recording with the pictures that were used, None where none were."""
 
 
 def map_recording(
@@ -116,9 +119,12 @@ def map_recording(
     """
     started, cpu = time.perf_counter(), time.process_time()
     camera, amiss = mount_of_camera(recording, settings.depth)
+    lens = _lens(recording, settings, camera)
+    pictures = _checked_pictures(recording, settings, camera or lens)
+    recording = recording if pictures is None else pictures.recording
     if settings.depth.use == "only":
         live = live_from_pictures(recording, settings, camera, progress)
-        return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
+        return _finished(live, recording, (started, cpu, reading_s), amiss, 0, pictures)
     checked = checked_recording(recording, settings.mapper.matching.range_max, checking)
     recording, amiss = checked.recording, [*checked.sentences, *amiss, *_too_short(recording)]
     recording = replace(recording, frames=recording.frames[start_index(recording.frames) :])
@@ -127,7 +133,6 @@ def map_recording(
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
-    lens = _lens(recording, settings, camera)
     builder = None if lens is None else _begun_memory(recording, settings.appearance, lens, keep_in)
     kept = None
     if keep_in is not None and builder is None:
@@ -146,7 +151,13 @@ def map_recording(
     if camera is not None:
         amiss += see_pictures(live, recording)
     mapping = _finished(
-        live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=first, builder=builder
+        live=live,
+        recording=recording,
+        began=(started, cpu, reading_s),
+        amiss=amiss,
+        first=first,
+        pictures=pictures,
+        builder=builder,
     )
     mapping.report["health"] += checked.health()
     mapping.report["aids"] = checked.data()
@@ -191,6 +202,8 @@ def join_recording(
     check_sensors(state, recording.base_from_laser, settings, lens, _features(settings))
     lean = replace(settings.appearance, memory=replace(settings.appearance.memory, reduce_graph=True))
     settings = replace(settings, appearance=lean)
+    pictures = _checked_pictures(recording, settings, camera or lens)
+    recording = recording if pictures is None else pictures.recording
     start = _beginning(recording, settings, state, folder, lens)
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
     grid = continue_map(live, load_state(folder))
@@ -215,7 +228,13 @@ def join_recording(
     if camera is not None:
         amiss += see_pictures(live, recording)
     mapping = _finished(
-        live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=0, builder=builder
+        live=live,
+        recording=recording,
+        began=(started, cpu, reading_s),
+        amiss=amiss,
+        first=0,
+        pictures=pictures,
+        builder=builder,
     )
     if builder is None:
         move_memory(keep_in, mapper)
@@ -274,6 +293,15 @@ def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None)
     return camera
 
 
+def _checked_pictures(recording: Recording, settings: MappingSettings, mount: Pose3 | None) -> CheckedPictures | None:
+    """Return the pictures as they are to be used, with the check of their camera; None where none are used."""
+    if mount is None:
+        return None
+    from waychair.offline.camera_check import checked_pictures  # only pictures have need of it
+
+    return checked_pictures(recording, settings.input.rgbd.register)
+
+
 def _begun_memory(
     recording: Recording, settings: AppearanceSettings, lens: Pose3, folder: Path | None
 ) -> MemoryBuilder | None:
@@ -292,6 +320,7 @@ def _finished(
     began: tuple[float, float, float],
     amiss: list[str],
     first: int,
+    pictures: CheckedPictures | None,
     builder: MemoryBuilder | None = None,
 ) -> Mapping:
     """Return the settled map; `began`: wall clock and CPU time at the beginning, and the CPU time of reading [s]."""
@@ -302,6 +331,9 @@ def _finished(
         memory = builder.finish(live.mapper)
         live.seconds["vision"] = builder.seconds
         amiss = [*amiss, *builder.warnings]
+    if pictures is not None and pictures.check is not None:
+        live.seconds["camera"] = pictures.seconds
+        amiss = [*amiss, *pictures.sentences()]
     stages = {"reading": reading_s, **live.seconds, **result.seconds}
     stages["total"] = time.process_time() - cpu + reading_s
     cost = Cost(stages, live.key_seconds, time.perf_counter() - started, peak_memory_mb())
@@ -309,7 +341,9 @@ def _finished(
     mapping = _reported(live, result, recording, cost, first)
     if memory is not None:
         mapping.report["memory"] = memory
-    return mapping
+    if pictures is not None and pictures.check is not None:
+        mapping.report["camera"] = pictures.data()
+    return replace(mapping, pictures=pictures)
 
 
 def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:

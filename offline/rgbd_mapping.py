@@ -14,12 +14,11 @@ from waychair.config import Settings
 from waychair.errors import NoPictures
 from waychair.files import write_json
 from waychair.offline.appearance_mapping import memory_report, new_memory
-from waychair.offline.camera_check import check_camera
+from waychair.offline.camera_check import CheckedPictures, checked_pictures
 from waychair.offline.mapping import peak_memory_mb
 from waychair.offline.memory_file import remove_memory
 from waychair.recordings.picture_pairs import LEAST_KEPT
 from waychair.recordings.recording import InputSettings, Recording, write_tum
-from waychair.slam.camera.camera_fit import registered
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.rgbd.rgbd_mapper import NEAR_DISTANCE, RgbdMap, RgbdMapper, RgbdMapperSettings
 from waychair.types import Json, RgbdFrame
@@ -35,10 +34,11 @@ class RgbdMappingSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class RgbdMapping:
-    """The map of a recording, and the content of its report.json."""
+    """The map of a recording, the content of its report.json, and the pictures that it is made of."""
 
     result: RgbdMap
     report: Json
+    pictures: CheckedPictures
 
 
 def map_pictures(
@@ -58,13 +58,10 @@ def map_pictures(
     started, cpu = time.perf_counter(), time.process_time()
     memory = NodeMemory(settings.rgbd.memory) if keep_in is None else new_memory(keep_in, settings.rgbd.memory)
     mapper = RgbdMapper(settings.rgbd, memory)
-    checked = check_camera(recording)
-    auto = settings.input.rgbd.register == "auto"
-    used = checked.fit if auto and not checked.fits else None
-    checking_s = time.process_time() - cpu
+    checked = checked_pictures(recording, settings.input.rgbd.register)
+    recording = checked.recording
     spent: list[float] = []
-    for picture in _in_order(recording):
-        frame = picture if used is None else registered(picture, used)
+    for frame in _in_order(recording):
         before = time.process_time()
         mapper.process(frame)
         spent.append(time.process_time() - before)
@@ -79,10 +76,10 @@ def map_pictures(
         why = "; ".join(f"{reason}: {count}" for reason, count in {**recording.unread, **result.states}.items())
         raise NoPictures(f"no pose can be estimated from the pictures of {recording.path} ({why or 'there are none'})")
     report = _report(recording, result, spent, time.process_time() - cpu, time.perf_counter() - started)
-    report["camera"], report["cpu_seconds"]["camera"] = checked.data(used is not None), round(checking_s, 3)
-    report["warnings"] += checked.sentences(used is not None)
+    report["camera"], report["cpu_seconds"]["camera"] = checked.data(), round(checked.seconds, 3)
+    report["warnings"] += checked.sentences()
     report["warnings"] += [*memory.store.notes, *([] if memory.store.fault is None else [str(memory.store.fault)])]
-    return RgbdMapping(result, {**report, "memory": told})
+    return RgbdMapping(result, {**report, "memory": told}, checked)
 
 
 def save_pictures_map(folder: Path, mapping: RgbdMapping, settings: RgbdMappingSettings) -> None:

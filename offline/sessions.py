@@ -181,7 +181,8 @@ def continue_map(live: LiveMapping, state: MapState) -> OccupancyGrid:
         live.depth.assembly.begin(picture.session)
         live.depth.anchor(picture.told, picture.key, picture.key_from_base)
     live.depth.assembly.begin(state.sessions)
-    live.scans.move_nodes(live.mapper.keys.poses, np.zeros(2))
+    for assembly in (live.scans, live.depth.assembly):
+        assembly.move_nodes(live.mapper.keys.poses, np.zeros(2))
     live.draw_all()
     return live.scans.grid()
 

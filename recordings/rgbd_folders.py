@@ -65,7 +65,7 @@ TUM_DEPTH_SCALE, NUMBERED_DEPTH_SCALE = 5000.0, 1000.0  # depth units in a metre
 
 @dataclass(frozen=True, slots=True)
 class RgbdSettings(Settings):
-    """Facts that a folder of pictures does not state."""
+    """Facts that a folder of pictures does not state, and the use of a wrong camera's estimate, also in a bag."""
 
     camera: str = setting(
         "",

@@ -88,6 +88,8 @@ def map_command(
     with stages(quiet) as progress:
         progress.warn(reading.without_pictures())
         report = _map_scans(recordings, out, known, settings, progress)
+        if "camera" not in report:
+            progress.warn(reading.without_colour_and_depth())
     if not quiet:
         print(_map_line(report, out))
 

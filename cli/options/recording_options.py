@@ -42,8 +42,8 @@ class RecordingOptions:
         Units of the depth pictures in a metre, such as 1000 for millimetres; default 5000 for rgb/ and depth/, 1000 for
         numbered frames.
     register
-        Colour and depth of a folder that are not of the given camera: check tells it, with an estimate; auto maps with
-        the estimated focal lengths, and depth as the colour sensor sees it. Default check.
+        Colour and depth, of a folder or of a bag, that are not of the given camera: check tells it, with an estimate;
+        auto maps with the estimated focal lengths, and depth as the colour sensor sees it. Default check.
     """
 
     base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
@@ -74,11 +74,17 @@ class RecordingOptions:
 
     def without_pictures(self) -> tuple[str, ...]:
         """Return a sentence for each option that changes nothing, because the recording is no folder of pictures."""
-        given = {"--camera": self.camera, "--depth-scale": self.depth_scale, "--register": self.register}
+        given = {"--camera": self.camera, "--depth-scale": self.depth_scale}
         unused = [option for option, value in given.items() if value is not None]
         return tuple(
             f"{option} changes nothing: it is about folders of pictures, and this is none" for option in unused
         )
+
+    def without_colour_and_depth(self) -> tuple[str, ...]:
+        """Return the sentence for --register, if it is given, where no pictures of colour and depth are used."""
+        if self.register is None:
+            return ()
+        return ("--register changes nothing: no pictures of colour and depth are used here",)
 
 
 class StageProgress:

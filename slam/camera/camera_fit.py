@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from waychair.slam.camera.features import gray_image
-from waychair.slam.camera.meeting_surfaces import between_pixels, meeting
+from waychair.slam.camera.meeting_surfaces import Surfaces, between_pixels, meeting, of_squares
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.reprojection import move_kernel, pinhole, unrolled
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
@@ -31,17 +31,16 @@ _BACK = 0.5  # px; a corner that is tracked back to another place was lost
 _LEAST_CORNERS = 60  # of a turn
 _TURN, _LEAST_TURN = 0.16, 0.08  # rad; a turn is full, and counts
 _TURNS, _LEAST_TURNS = 24, 6  # most and least turns that are fitted
-_BLOCK = 4  # px; side of the squares over which depth is averaged
-_FLAT = 0.06  # largest relative step of depth within a square
-_CREASE = 3.0  # largest spread about a surface's plane over the middle one
-_REACH, _STRIDE = 2, 3  # squares: half the side of a surface, and between the surfaces that are compared
+_STRIDE = 3  # squares between the surfaces that are compared
 _ITERATIONS, _ICP_STEPS = 12, 8
 _PIXEL, _HUBER = 0.5, 1.5  # px, sigma
 _RANGE = (0.002, 0.001)  # m, 1/m; noise of a surface's depth: constant, and times the squared depth
 _PRIOR = 0.1  # standard deviation of shares, rad, m: cameras are no farther from what is told of them
 _STEP = 1e-4  # of numerical derivatives
 _OFFSET, _ROTATION, _FOCAL = 0.01, 0.01, 0.02  # m, rad, share; what registered cameras are off by at most
+_TOLERANCES = np.repeat((_FOCAL, _ROTATION, _OFFSET), (2, 3, 3))
 _SURE = 4.0  # standard deviations
+_HELD = 1e-6  # standard deviation of what stays as it is told
 _EXPLAINED, _EXPLAINED_SHARPLY = 0.8, 0.93
 """Share of the given camera's error that another one may leave: where blur, a rolling shutter and depth's own faults remain,
 and where the other camera explains the turns to the noise."""
@@ -81,25 +80,36 @@ class CameraFit:
     @property
     def registered(self) -> bool:
         """Whether depth may be registered to colour: nothing shows that the sensors lie or look apart."""
-        apart = (self.offset, self.rotation) > np.maximum((_OFFSET, _ROTATION), _SURE * self._doubts[1:])
-        return not (self._explains and apart.any())
+        # each axis by its own doubt: turns of a chair about one axis tell sideways offsets well, and heights hardly
+        return not (self._explains and self._apart[2:].any())
 
     @property
     def focal_right(self) -> bool:
         """Whether both focal lengths may be the given one."""
-        factors = np.abs(np.log([self.colour_focal, self.depth_focal]))
-        return not (self._explains and (factors > np.maximum(_FOCAL, _SURE * self.deviations[:2])).any())
+        return not (self._explains and self._apart[:2].any())
+
+    @property
+    def vague(self) -> BoolArray:
+        """Which parameters (8,), in the order of `deviations`, the turns tell no better than what is given."""
+        vague = (self.deviations > _TOLERANCES) & (np.abs(self._parameters) < self.deviations)
+        return np.asarray(vague, np.bool_)
+
+    @property
+    def _apart(self) -> BoolArray:
+        """Which parameters (8,) are surely not those of a registered camera with the given focal length."""
+        return np.asarray(np.abs(self._parameters) > np.maximum(_TOLERANCES, _SURE * self.deviations), np.bool_)
+
+    @property
+    def _parameters(self) -> FloatArray:
+        """The parameters (8,) as `_Fit` has them."""
+        focal = np.log([self.colour_focal, self.depth_focal])
+        return np.concatenate([focal, _vector_of(self.colour_from_depth.rotation), self.colour_from_depth.translation])
 
     @property
     def _explains(self) -> bool:
         """Whether the camera explains the turns much better than the given one; noise alone is not explained away."""
         share = _EXPLAINED if self.error_fitted > _SHARP * self.focal else _EXPLAINED_SHARPLY
         return self.error_fitted < share * self.error_given
-
-    @property
-    def _doubts(self) -> FloatArray:
-        """Standard deviations of a focal factor, of the offset [m] and of the rotation [rad]."""
-        return np.array([self.deviations[0], self.deviations[5:8].max(), self.deviations[2:5].max()])
 
 
 _PixelTerm: TypeAlias = tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -110,8 +120,8 @@ class _Turn:
     """Two pictures between which the camera turned: surfaces, corners (N, 2) [px] in both, and the
     rotation (3, 3) `new_from_old` by the corners."""
 
-    old: _Surfaces
-    new: _Surfaces
+    old: Surfaces
+    new: Surfaces
     before: FloatArray
     after: FloatArray
     rotation: FloatArray
@@ -179,7 +189,7 @@ def _turns(frames: Iterable[RgbdFrame]) -> tuple[FloatArray | None, list[_Turn]]
                 continue
             if len(now) >= _LEAST_CORNERS and angle >= _LEAST_TURN:
                 corners = _unrolled(before, key, begun, camera), _unrolled(now, frame, rate, camera)
-                surfaces = _Surfaces.of(key, begun), _Surfaces.of(frame, rate)
+                surfaces = Surfaces.of(key, begun), Surfaces.of(frame, rate)
                 turns.append(_Turn(*surfaces, *corners, turn))
         key, last, begun = frame, (gray, frame.stamp_ns), None
         found = cv2.goodFeaturesToTrack(gray, _CORNERS, _QUALITY, _APART)
@@ -222,63 +232,6 @@ def _rotation_of(before: Float32Array, now: Float32Array, camera: FloatArray) ->
     return turn
 
 
-@dataclass(frozen=True, slots=True)
-class _Surfaces:
-    """The planes seen in a depth picture, by squares (h, w): middle inverse depth [1/m] and its slopes across and down
-    [1/m a square]; nan where there is a step or a hole. On a plane, inverse depth is linear across the picture.
-    """
-
-    inverse: FloatArray
-    across: FloatArray
-    down: FloatArray
-    lag: FloatArray
-    """Turn [rad] of things (3,) while one row of squares is exposed, of a rolling shutter."""
-
-    @classmethod
-    def of(cls, frame: RgbdFrame, rate: FloatArray) -> _Surfaces:
-        """Return the surfaces of a picture that was taken while things turned by `rate` (3,) [rad/s]."""
-        depth = frame.depth
-        height, width = (side // _BLOCK * _BLOCK for side in depth.shape)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / depth[:height, :width].astype(np.float64)
-            blocks = inverse.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
-            low, high, middle = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3)), blocks.mean(axis=(1, 3))
-            middle[~(np.isfinite(middle) & (low > 0.0) & (high - low < _FLAT * middle))] = np.nan
-        along = np.arange(-_REACH, _REACH + 1.0)
-        even, slope = np.ones_like(along) / len(along), along / (along**2).sum()
-        found = [cv2.sepFilter2D(middle, -1, *filters) for filters in ((even, even), (slope, even), (even, slope))]
-        mean, across, down = (np.asarray(each, np.float64) for each in found)
-        square = np.asarray(cv2.sepFilter2D(middle**2, -1, even, even), np.float64)
-        # spread about the plane: where it is large, two surfaces meet, and the plane is neither's
-        spread = square - mean**2 - (across**2 + down**2) * float((along**2).mean())
-        if np.isfinite(spread).any():
-            mean[~(spread <= _CREASE * np.nanmedian(spread) + 1e-9)] = np.nan
-        return cls(mean, across, down, rate * frame.row_step * _BLOCK)
-
-    def planes(self, camera: FloatArray, stride: int = 1) -> tuple[FloatArray, FloatArray]:
-        """Return points (N, 3) [m] on the surfaces, row by row, and their normals, by the camera (4,) of squares."""
-        rows, columns = (
-            each.ravel() for each in np.mgrid[: self.inverse.shape[0] : stride, : self.inverse.shape[1] : stride]
-        )
-        inverse, across, down = (each[rows, columns] for each in (self.inverse, self.across, self.down))
-        x, y = (columns - camera[2]) / camera[0], (rows - camera[3]) / camera[1]
-        points = np.column_stack([x, y, np.ones(len(x))]) / inverse[:, None]
-        # n with n . point = 1: the plane's inverse depth at any pixel is n . ray
-        rest = inverse - across * (columns - camera[2]) - down * (rows - camera[3])
-        normals = np.column_stack([across * camera[0], down * camera[1], rest])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        if self.lag.any():
-            late = (rows - 0.5 * len(self.inverse))[:, None] * self.lag
-            points, normals = points - np.cross(late, points), normals - np.cross(late, normals)
-        return points, normals
-
-
-def _of_squares(camera: FloatArray) -> FloatArray:
-    """Return the camera (4,) for pictures of squares."""
-    middle = 0.5 * (_BLOCK - 1)
-    return np.array([*(camera[:2] / _BLOCK), *((camera[2:] - middle) / _BLOCK)])
-
-
 class _Fit:
     """The least squares: parameters (8,) are logarithms of the colour's and depth's focal factors, rotation vector [rad]
     and translation [m] of `colour_from_depth`; each turn has its motion `new_from_old` of the depth sensor."""
@@ -289,23 +242,36 @@ class _Fit:
         self.owner = np.repeat(np.arange(len(turns)), [len(turn.before) for turn in turns])
         self.before = np.concatenate([turn.before for turn in turns])
         self.after = np.concatenate([turn.after for turn in turns])
+        self._planes: tuple[float, list[list[_Planes]]] | None = None  # for a depth's focal factor, of each turn
 
     def solved(self) -> CameraFit | None:
-        """Return the fit; None where depth alone gives too few motions."""
+        """Return the fit; None where depth alone gives too few motions.
+
+        Where the camera is wrong, what the turns do not tell stays as it is given, instead of becoming noise.
+        """
         given = np.zeros(8)
         motions = [Pose3(turn.rotation.copy(), np.zeros(3)) for turn in self.turns]
         for _ in range(_ICP_STEPS):
             motions, _ = self._step(given, motions, self._depth_terms(given, motions), None)
         for _ in range(_ICP_STEPS):
             pixels = self._pixel_blocks(given, motions)
-            motions, _ = self._step(given, motions, self._depth_terms(given, motions), pixels, moves_camera=False)
+            motions, _ = self._step(given, motions, self._depth_terms(given, motions), pixels)
         error_given = self._middle_error(given, motions)
-        found, deviations = given, np.zeros(8)
+        fit = self._fitted(motions, np.full(8, _PRIOR), error_given)
+        if fit is None or (fit.registered and fit.focal_right) or not fit.vague.any():
+            return fit
+        held = self._fitted(motions, np.where(fit.vague, _HELD, _PRIOR), error_given)
+        return None if held is None else replace(held, deviations=fit.deviations)
+
+    def _fitted(self, motions: list[Pose3], priors: FloatArray, error_given: float) -> CameraFit | None:
+        """Return the fit with standard deviations (8,) of the given camera, from motions by it."""
+        found, deviations = np.zeros(8), np.zeros(8)
         for _ in range(_ITERATIONS):
             terms = self._depth_terms(found, motions)
             if sum(each.count > 0 for each in terms) < _LEAST_TURNS:
                 return None
-            motions, (step, deviations) = self._step(found, motions, terms, self._pixel_blocks(found, motions))
+            blocks = self._pixel_blocks(found, motions)
+            motions, (step, deviations) = self._step(found, motions, terms, blocks, priors=priors)
             found = found + step
             if np.abs(step).max() < 1e-5:
                 break
@@ -335,7 +301,7 @@ class _Fit:
         colour_from_depth = _pose(parameters)
         turn, shift = colour_from_depth.rotation, colour_from_depth.translation
         colour = self.camera[:2] * math.exp(parameters[0])
-        depth = _of_squares(self.camera * (math.exp(parameters[1]), math.exp(parameters[1]), 1.0, 1.0))
+        depth = of_squares(self.camera * (math.exp(parameters[1]), math.exp(parameters[1]), 1.0, 1.0))
         rays = np.column_stack([(self.before - self.camera[2:]) / colour, np.ones(len(self.before))]) @ turn
         origin = -shift @ turn
         along = np.full(len(rays), 2.0)
@@ -374,13 +340,15 @@ class _Fit:
         terms: list[_DepthTerm],
         pixels: list[_PixelTerm] | None,
         *,
-        moves_camera: bool = True,
+        priors: FloatArray | None = None,
     ) -> tuple[list[Pose3], tuple[FloatArray, FloatArray]]:
         """Return the motions after a Gauss-Newton step, and the step of the parameters with standard deviations (8,).
 
-        The motions are eliminated. Without `pixels` only depth counts; unless `moves_camera`, the parameters stay.
+        The motions are eliminated. Without `pixels` only depth counts; without `priors`, the standard deviations (8,) of
+        the given camera, the parameters stay.
         """
-        normal, pull = np.eye(8) / _PRIOR**2, -parameters / _PRIOR**2
+        weights = (np.full(8, _PRIOR) if priors is None else priors) ** -2
+        normal, pull = np.diag(weights), -parameters * weights
         solved = []
         for number, term in enumerate(terms):
             own, mixed, shared = term.own.copy(), np.zeros((6, 8)), np.zeros((8, 8))
@@ -396,7 +364,7 @@ class _Fit:
             normal += shared - mixed.T @ solved[-1][0]
             pull += shared_right - mixed.T @ solved[-1][1]
         step = np.zeros(8)
-        if moves_camera and pixels is not None:
+        if priors is not None:
             step = np.asarray(np.linalg.solve(normal, pull), np.float64)
         deviations = np.asarray(np.sqrt(np.diag(np.linalg.inv(normal))), np.float64)
         moved = []
@@ -431,11 +399,17 @@ class _Fit:
 
     def _depth_terms(self, parameters: FloatArray, motions: list[Pose3]) -> list[_DepthTerm]:
         """Return the normal equations of depth for each turn, by its motion and by the depth's focal length."""
+        logarithm = float(parameters[1])
         cameras = [
-            _of_squares(self.camera * (factor, factor, 1.0, 1.0))
-            for factor in (math.exp(parameters[1]), math.exp(parameters[1] + _STEP))
+            of_squares(self.camera * (factor, factor, 1.0, 1.0))
+            for factor in (math.exp(logarithm), math.exp(logarithm + _STEP))
         ]
-        return [_depth_term(turn, motion, cameras) for turn, motion in zip(self.turns, motions, strict=True)]
+        if self._planes is None or self._planes[0] != logarithm:  # as long as the camera stays, its planes do
+            self._planes = logarithm, [[_Planes.of(turn, camera) for camera in cameras] for turn in self.turns]
+        return [
+            _depth_term(planes, motion, cameras[0], turn.new.inverse.shape)
+            for planes, motion, turn in zip(self._planes[1], motions, self.turns, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,21 +425,35 @@ class _DepthTerm:
     count: int
 
 
-def _depth_term(turn: _Turn, motion: Pose3, cameras: list[FloatArray]) -> _DepthTerm:
+@dataclass(frozen=True, slots=True)
+class _Planes:
+    """Points (N, 3) [m] on the old picture's surfaces and (M, 3) on the new one's, and their normals, by one camera."""
+
+    old: FloatArray
+    old_facing: FloatArray
+    new: FloatArray
+    facing: FloatArray
+
+    @classmethod
+    def of(cls, turn: _Turn, camera: FloatArray) -> _Planes:
+        """Return the planes of a turn by the camera (4,) of pictures of squares."""
+        return cls(*turn.old.planes(camera, _STRIDE), *turn.new.planes(camera))
+
+
+def _depth_term(planes: list[_Planes], motion: Pose3, camera: FloatArray, shape: tuple[int, ...]) -> _DepthTerm:
     """Compare the old picture's points, moved, with the surfaces of the new one that the camera sees in their place.
 
-    `cameras`: those of the pictures of squares, and with a slightly longer focal length, for the derivative.
+    `planes`: by the camera (4,) of pictures of squares of a shape (h, w), and by a slightly longer focal length, for the
+    derivative.
     """
-    errors, met, there, normals, away = [], np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
-    at = np.empty(0, np.int64)
-    for camera in cameras:
-        old, old_facing = turn.old.planes(camera, _STRIDE)
-        new, facing = turn.new.planes(camera)
-        points = old @ motion.rotation.T + motion.translation
-        if camera is cameras[0]:
-            met, at = meeting(points, old_facing @ motion.rotation.T, new, facing, camera, turn.new.inverse.shape)
-            there, normals, away = points[met], facing[at], points[met, 2]
-        errors.append(((points[met] - new[at]) * facing[at]).sum(axis=1))
+    first = planes[0]
+    points = first.old @ motion.rotation.T + motion.translation
+    met, at = meeting(points, first.old_facing @ motion.rotation.T, first.new, first.facing, camera, shape)
+    there, normals, away = points[met], first.facing[at], points[met, 2]
+    errors = [
+        ((each.old[met] @ motion.rotation.T + motion.translation - each.new[at]) * each.facing[at]).sum(axis=1)
+        for each in planes
+    ]
     sigma = _RANGE[0] + _RANGE[1] * away**2
     weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(errors[0]), 1e-9)) / sigma**2
     by_motion = np.concatenate([np.cross(there, normals), normals], axis=1)

@@ -168,6 +168,7 @@ def test_two_days_are_joined_by_pictures_and_their_nodes_merge(drive: Drive, tmp
     both = joined(with_pictures(further, truth), tmp_path / "map", SEEING)
     assert across(one, then, both, truth) < 0.25
     assert both.report["memory"]["links"]["by appearance"] > 0
+    assert "camera" in both.report
     memory = NodeMemory.opened(tmp_path / "map" / MEMORY)
     assert len(memory.skeleton.ids()) <= 1.3 * one.report["memory"]["memory"]["frames"]
     assert set(memory.skeleton.rows["map_id"][memory.skeleton.ids()].tolist()) >= {0}
