@@ -25,6 +25,7 @@ from waychair.planning.route.manoeuvres import manoeuvre_between
 from waychair.planning.route.rooms import can_turn, rooms_beside, turn_to
 from waychair.planning.route.shortcuts import shortened
 from waychair.planning.route.speed_profile import time_along, turn_time
+from waychair.planning.route.turns_beside import steps_aside
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.resumable import CELLS_PER_STEP, CountedSteps, counted
@@ -92,7 +93,7 @@ def way_legs(
         found = yield from _through(ground, rest, here, goal, door)
         if found is not None:
             before, straight, rest = found
-            pieces += [*([] if before is None else [before]), straight]
+            pieces += [*before, straight]
             here = Pose2(*straight.poses[-1])
             passed.append(door)
     if math.dist((here.x, here.y), (goal.x, goal.y)) > _ARRIVED or not pieces:
@@ -160,9 +161,9 @@ def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
 
 def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[Piece]]:
     """Return the band from pose to pose, with multi-point turns where it does not fit."""
-    whole = yield from _between(ground, line, start, goal)
+    whole = yield from _bands(ground, line, start, goal)
     if whole is not None:
-        return [whole]
+        return whole
     costmap = ground.costmap
     poses = yield from flowing(line, costmap.field, costmap.body, price=FIRM_PRICE, from_zones=ground.from_zones)
     rooms = yield from rooms_beside(costmap, poses)
@@ -208,6 +209,57 @@ def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Coun
     raise _no_room(costmap, start, poses[first])
 
 
+def _bands(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[Piece] | None]:
+    """Return the soonest of the band from pose to pose, that in reverse where they are near, and those with turns beside the ends.
+
+    None if none fits.
+    """
+    whole = yield from _between(ground, line, start, goal)
+    best = [] if whole is None else [whole]
+    if ground.searches is None or len(line) < 2:
+        return best or None
+    near = math.dist((start.x, start.y), (goal.x, goal.y))
+    if _ARRIVED < near <= _NEAR and (direct := (yield from _directly(ground, start, goal))) is not None:
+        best = _sooner(best, [direct])
+    begin, first = start, line
+    for step in (yield from steps_aside(ground, start, _bearing(line[:_HEADED], start))):
+        ground.searches()
+        place = Pose2(*step.poses[-1])
+        rest = np.concatenate([[[place.x, place.y]], line[min(_nearest(line, place) + 1, len(line) - 1) :]])
+        band = yield from _between(ground, rest, place, goal)
+        if band is not None and _sooner(best, [step, band]) is not best:
+            best, begin, first = [step, band], place, rest
+    before = best[:-1]
+    for step in (yield from steps_aside(ground, goal, _bearing(line[::-1][:_HEADED], goal) + math.pi, arrives=True)):
+        place = Pose2(*step.poses[0])
+        rest = np.concatenate([first[: max(1, _nearest(first, place))], [[place.x, place.y]]])
+        band = yield from _between(ground, rest, begin, Pose2(place.x, place.y, goal.theta))
+        if band is not None:
+            best = _sooner(best, [*before, band, step])
+    return best or None
+
+
+_HEADED = 11
+"""Points of a line, with its end, by which it is told where it leads: a metre."""
+
+
+def _bearing(line: FloatArray, pose: Pose2) -> float:
+    """Return the direction [rad] from a pose to the last point of a line (N, 2)."""
+    return math.atan2(line[-1, 1] - pose.y, line[-1, 0] - pose.x)
+
+
+def _sooner(best: list[Piece], other: list[Piece]) -> list[Piece]:
+    """Return the sooner of two chains of pieces, an empty one being none; each further piece begins with a stop."""
+    def seconds(pieces: list[Piece]) -> float:
+        return sum(piece.seconds for piece in pieces) + _STOP_S * len(pieces)
+
+    return other if not best or seconds(other) < seconds(best) else best
+
+
+_STOP_S = 0.5
+"""[s] About what the chair stands between two pieces."""
+
+
 def _beginning(pieces: list[Piece]) -> tuple[FloatArray, list[Piece]]:
     """Return the poses (N, 3) of the first piece up to `_ONWARDS`, and the rest of the pieces."""
     first, *others = pieces
@@ -234,21 +286,21 @@ def _no_room(costmap: Costmap, start: Pose2, pose: FloatArray) -> NoPath:
 
 def _through(
     ground: Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage
-) -> CountedSteps[tuple[Piece | None, Piece, FloatArray] | None]:
+) -> CountedSteps[tuple[list[Piece], Piece, FloatArray] | None]:
     """Return the soonest piece to a door's axis, the straight one through it, and the line beyond it."""
-    best: tuple[float, Piece | None, Piece] | None = None
+    best: tuple[float, list[Piece], Piece] | None = None
     for ahead, least_room in _AHEAD:
         straight = yield from _straight(ground, door, here, goal, ahead)
         if straight is None or straight.rooms.min() < least_room:
             continue
         entry = Pose2(*straight.poses[0])
-        seconds, before = straight.seconds, None
+        before: list[Piece] | None = []
         if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
             k = max(1, _nearest(line, entry))
-            before = yield from _between(ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry)
+            before = yield from _bands(ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry)
             if before is None:
                 continue
-            seconds += before.seconds
+        seconds = straight.seconds + sum(piece.seconds for piece in before)
         if best is None or seconds < best[0]:
             best = seconds, before, straight
     if best is None:
