@@ -13,7 +13,7 @@ import numpy as np
 from waychair.geometry import wrap_angle
 from waychair.planning.body.clearance import PLANNED, PLANNED_TURN
 from waychair.planning.route.flowing_line import COMFORT, SPACING, flowing
-from waychair.planning.route.rooms import rooms_beside, turn_to
+from waychair.planning.route.rooms import NO_TURN, rooms_beside, turn_to
 from waychair.planning.route.speed_profile import time_along, turn_time
 from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
 from waychair.resumable import CountedSteps
@@ -33,6 +33,9 @@ _END_PART = 3.0
 
 _IN_BENDS, _LEAST_TURN = (0.5, 1.0, 1.5), 0.3
 """[rad] Parts of a turn on the spot that are tried as bends, and what must be left of it: a smaller turn is not worth its stop."""
+
+_STOP_S = 1.5
+"""[s] About what it takes to stop for a turn where the chair would drive on, and to speed up again."""
 
 Stands = tuple[bool, bool]
 """Whether the chair stands at a band's start and at its goal; elsewhere it may come and go on the move."""
@@ -125,20 +128,24 @@ class _Band:
         `found` is that band, if it is known. None if it does not fit, or a turn is not free.
         """
         ground, start, goal = self._ground, self._start, self._goal
-        if found is None:
-            found = yield from _fitting(ground, self._line, leaves, arrives, self._backwards, self._stands)
+        for stands in dict.fromkeys(
+            (self._stands, (False, False))
+        ):  # with a straight beginning and end it may fit still
+            if found is None:
+                found = yield from _fitting(ground, self._line, leaves, arrives, self._backwards, stands)
         if found is None:
             return None
         poses, rooms = found
         turning = 0.0
-        for needed, at, heading in (
-            (leaves != start.theta, start, float(poses[0, 2])),
-            (arrives != goal.theta, Pose2(*poses[-1]), goal.theta),
+        for needed, rests, at, heading in (
+            (leaves != start.theta, self._stands[0], start, float(poses[0, 2])),
+            (arrives != goal.theta, self._stands[1], Pose2(*poses[-1]), goal.theta),
         ):
             turn = turn_to(ground.costmap, at, heading, PLANNED_TURN) if needed else 0.0
             if turn is None:
                 return None
-            turning += turn_time(turn, ground.costmap.body, ground.limits)
+            stop = 0.0 if rests or abs(turn) < NO_TURN else _STOP_S
+            turning += turn_time(turn, ground.costmap.body, ground.limits) + stop
         gear = -1.0 if self._backwards else 1.0
         seconds = time_along(poses, rooms, ground.costmap.body, ground.limits, gear) + turning
         return Piece(poses, rooms, seconds, self._backwards, turning)

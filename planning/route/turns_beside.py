@@ -14,7 +14,7 @@ from waychair.planning.body.clearance import PLANNED, PLANNED_TURN
 from waychair.planning.route.flowing_line import SPACING
 from waychair.planning.route.rooms import can_turn, rooms_beside
 from waychair.planning.route.speed_profile import time_along
-from waychair.planning.route.way_pieces import Ground, Piece
+from waychair.planning.route.way_pieces import Ground, Piece, is_against_one_way
 from waychair.resumable import CountedSteps
 from waychair.types import Pose2
 
@@ -49,7 +49,7 @@ def steps_aside(ground: Ground, pose: Pose2, heading: float, arrives: bool = Fal
             poses = compose(pose.array(), np.column_stack([along, np.zeros((len(along), 2))]))
             poses = poses[::-1] if arrives else poses
             rooms = yield from rooms_beside(costmap, poses)
-            if rooms.min() < PLANNED:
+            if rooms.min() < PLANNED or is_against_one_way(costmap, poses[:, :2]):
                 break
             yield _CELLS_OF_A_TURN
             if can_turn(costmap, place, heading, PLANNED_TURN):
