@@ -1,7 +1,6 @@
-"""The soonest band from pose to pose: with a turn on the spot at either end, without one, or with a part of it.
+"""The soonest band from pose to pose: with a turn on the spot at either end, without one, or with a part of the last one.
 
-A chair that speeds up or slows down turns on the way for nothing. So it leaves in the middle of a turn where that is sooner,
-and finishes the turn in a bend; at a goal it begins the turn in a bend.
+A chair that slows down turns on the way for nothing. So it begins the turn at its goal in a bend where that is sooner.
 """
 
 from __future__ import annotations
@@ -32,7 +31,10 @@ _END_PART = 3.0
 """[m] Length of a line's ends that are made with and without a turn on the spot."""
 
 _IN_BENDS, _LEAST_TURN = (0.5, 1.0, 1.5), 0.3
-"""[rad] Parts of a turn on the spot that are tried as bends, and what must be left of it: a smaller turn is not worth its stop."""
+"""[rad] Parts of the turn at a goal that are tried as bends, and what must be left of it: a smaller turn is not worth its stop."""
+
+_WORTH_S = 0.5
+"""[s] Such a bend must be sooner by so much: the chair hardly turns while it comes to rest between the two."""
 
 _STOP_S = 1.5
 """[s] About what it takes to stop for a turn where the chair would drive on, and to speed up again."""
@@ -91,24 +93,14 @@ def soonest_band(
     if best is None:
         return None
     leaves, arrives = ends
-    if leaves is None:
-        turn = wrap_angle(float(best.poses[0, 2]) - start.theta)
-        for heading in _within(turn, start.theta + turn):
-            piece = yield from band.made(heading, arrives)
-            if piece is not None and piece.seconds < best.seconds:
-                best, leaves = piece, heading
     if arrives is None:
-        turn = wrap_angle(float(best.poses[-1, 2]) - goal.theta)
-        for heading in _within(turn, goal.theta + turn):
-            piece = yield from band.made(leaves, heading)
-            if piece is not None and piece.seconds < best.seconds:
-                best = piece
+        turn, most = wrap_angle(goal.theta - float(best.poses[-1, 2])), best.seconds - _WORTH_S
+        for part in _IN_BENDS:
+            if abs(turn) > part + _LEAST_TURN:
+                piece = yield from band.made(leaves, goal.theta - turn + math.copysign(part, turn))
+                if piece is not None and piece.seconds < min(most, best.seconds):
+                    best = piece
     return best
-
-
-def _within(turn: float, end: float) -> list[float]:
-    """Return headings [rad] before the end of a turn [rad] on the spot."""
-    return [end - math.copysign(part, turn) for part in _IN_BENDS if abs(turn) > part + _LEAST_TURN]
 
 
 class _Band:
