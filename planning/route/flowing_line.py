@@ -170,7 +170,7 @@ def _relax(
             across[i, 0], across[i, 1] = -ty / long, tx / long
         band[:] = 0.0
         right[:] = 0.0
-        _add_smoothness(p, across, h, first, stop, band, right)
+        _add_smoothness(p, across, h, first, stop, straight, band, right)
         _add_room(p, across, metres, from_zones, cell, shape, room_price * h, first, stop, band, right)
         for row in range(count):
             band[row, 0] += DAMPING
@@ -189,16 +189,31 @@ def _relax(
 
 @njit(cache=True, nogil=True)
 def _add_smoothness(
-    p: FloatArray, across: FloatArray, h: float, first: int, stop: int, band: FloatArray, right: FloatArray
+    p: FloatArray,
+    across: FloatArray,
+    h: float,
+    first: int,
+    stop: int,
+    straight: tuple[int, int],
+    band: FloatArray,
+    right: FloatArray,
 ) -> None:
-    """Add the price of length, bends and their rate to the system of the points from `first` to `stop`."""
+    """Add the price of length, bends and their rate to the system of the points from `first` to `stop`.
+
+    At an end where the chair stands the bend costs more: it begins to turn with its whole acceleration.
+    """
     stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
     prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
     slopes = np.zeros(4)
     for term in range(3):
         size = term + 2
         for i in range(len(p) - size + 1):
-            rx, ry = 0.0, 0.0
+            price, rx, ry = prices[term], 0.0, 0.0
+            if term == 1 and (
+                (i == 0 and straight[0] == STRAIGHT_STANDING)
+                or (i == len(p) - size and straight[1] == STRAIGHT_STANDING)
+            ):
+                price *= STANDING_BEND
             for a in range(size):
                 rx += stencils[term, a] * p[i + a, 0]
                 ry += stencils[term, a] * p[i + a, 1]
@@ -214,19 +229,19 @@ def _add_smoothness(
                 for a in range(size):
                     if first <= i + a < stop:
                         row = i + a - first
-                        right[row] -= prices[term] * slopes[a] * residual
+                        right[row] -= price * slopes[a] * residual
                         for b in range(a + 1):
                             if first <= i + b < stop:
-                                band[row, a - b] += prices[term] * slopes[a] * slopes[b]
+                                band[row, a - b] += price * slopes[a] * slopes[b]
                 continue
             for a in range(size):
                 if first <= i + a < stop:
                     row = i + a - first
-                    right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
+                    right[row] -= price * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
                     for b in range(a + 1):
                         if first <= i + b < stop:
                             dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
-                            band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
+                            band[row, a - b] += price * stencils[term, a] * stencils[term, b] * dot
 
 
 @njit(cache=True, nogil=True)
@@ -282,6 +297,9 @@ def _add_room(
 STRAIGHT, STRAIGHT_STANDING = 3, 1
 """Points by which a line with a fixed heading goes on straight beyond its end while it is relaxed: with the first its curvature
 begins from 0, as a chair needs that is on the move there; the second, for one that stands, fixes the heading alone."""
+
+STANDING_BEND = 4.0
+"""So many times dearer is the bend with which a chair sets off or comes to rest."""
 
 DAMPING = 2.0
 """Added to the diagonal of the system: a point moves no farther than its neighbours' room tells."""

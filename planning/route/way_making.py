@@ -245,12 +245,13 @@ def _bearing(pose: Pose2, line: FloatArray) -> float:
 
 
 def _sooner(best: list[Piece], other: list[Piece]) -> list[Piece]:
-    """Return the sooner of two chains of pieces, an empty one being none; each further piece begins with a stop."""
+    """Return the sooner of two chains of pieces; an empty one is none."""
+    return other if not best or _seconds(other) < _seconds(best) else best
 
-    def seconds(pieces: list[Piece]) -> float:
-        return sum(piece.seconds for piece in pieces) + _STOP_S * len(pieces)
 
-    return other if not best or seconds(other) < seconds(best) else best
+def _seconds(pieces: list[Piece]) -> float:
+    """Return how long [s] a chain of pieces takes."""
+    return sum(piece.seconds + _STOP_S for piece in pieces)
 
 
 _STOP_S = 0.5
@@ -291,16 +292,17 @@ def _through(
         if straight is None or straight.rooms.min() < least_room:
             continue
         entry = Pose2(*straight.poses[0])
-        before: list[Piece] | None = []
+        onto: list[Piece] | None = []
         if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
             k = max(1, _nearest(line, entry))
-            onto = np.concatenate([line[:k], [[entry.x, entry.y]]])
-            before = yield from _bands(ground, onto, here, entry, (stands, False))
-            if before is None:
+            onto = yield from _bands(
+                ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry, (stands, False)
+            )
+            if onto is None:
                 continue
-        seconds = straight.seconds + sum(piece.seconds for piece in before)
+        seconds = straight.seconds + _seconds(onto)
         if best is None or seconds < best[0]:
-            best = seconds, before, straight
+            best = seconds, onto, straight
     if best is None:
         return None
     leaving = best[2].poses[-1]

@@ -1,4 +1,4 @@
-"""Ways in which a part of a turn is driven as a bend, and ways that turn on the spot beside their start or goal."""
+"""Bands that begin the turn at their goal, and ways that turn on the spot beside their start or goal."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def ground_on(costmap: Costmap, limits: DwaSettings = LIMITS) -> Ground:
 
 HALL = costmap_from_grid(hall(), CHAIR_A)
 OPEN = ground_on(HALL)
-CORRIDOR = ground_on(costmap_from_grid(hall((0.0, 0.0, 9.0, 3.5), (0.0, 5.5, 9.0, 9.0)), CHAIR_A))
-"""A dead end, two metres wide: the chair can turn on the spot, and not right round in a bend."""
+CORRIDOR = ground_on(costmap_from_grid(hall((0.0, 0.0, 9.0, 3.4), (0.0, 5.6, 9.0, 9.0)), CHAIR_A))
+"""A dead end, 2.2 m wide: the chair can turn on the spot, and not right round in a bend."""
 
 
 def band(start: Pose2, goal: Pose2, stands: bool = True) -> Piece:
