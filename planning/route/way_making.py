@@ -75,7 +75,7 @@ def way_legs(
     if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
         return [_turn(start, goal.theta)]
     ground = Ground(costmap, limits, _zones_round(costmap, line), searches)
-    direct = None if searches is None else (yield from _directly(ground, start, goal))
+    direct = None if searches is None else (yield from _directly(ground, start, goal, (True, True)))
     if direct is not None:
         return _joined([direct], goal, ())
     pieces: list[Piece] = []
@@ -102,7 +102,7 @@ def _turn(pose: Pose2, heading: float) -> PathLeg:
     return PathLeg(Path(np.array([pose.array(), [pose.x, pose.y, heading]])), np.zeros(2))
 
 
-def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece | None]:
+def _directly(ground: Ground, start: Pose2, goal: Pose2, stands: Stands) -> CountedSteps[Piece | None]:
     """Return the soonest band straight to a goal that is near, in both gears; to one behind a chair without room to turn, in reverse.
 
     To a goal half a metre behind the chair, a way over the cells would begin and end with half a turn.
@@ -122,9 +122,7 @@ def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece |
         if backwards and ground.limits.max_reverse == 0.0:
             continue
         turns = away <= _NEAR
-        piece = yield from soonest_band(
-            ground, line, start, goal, _STANDS, first=turns, last=turns, backwards=backwards
-        )
+        piece = yield from soonest_band(ground, line, start, goal, stands, first=turns, last=turns, backwards=backwards)
         found += [] if piece is None else [piece]
     return min(found, key=lambda piece: piece.seconds) if found else None
 
@@ -214,7 +212,7 @@ def _bands(
     if ground.searches is None or len(line) < 2:
         return best or None
     if _ARRIVED < math.dist((start.x, start.y), (goal.x, goal.y)) <= _NEAR:
-        direct = yield from _directly(ground, start, goal)
+        direct = yield from _directly(ground, start, goal, stands)
         best = best if direct is None else _sooner(best, [direct])
     begin, rest = start, line
     for step in (yield from steps_aside(ground, start, _bearing(start, line[:_HEADED]))):
@@ -232,8 +230,6 @@ def _bands(
         best = best if band is None else _sooner(best, [*before, band, step])
     return best or None
 
-
-_STANDS: Stands = (True, True)
 
 _HEADED = 11
 """Points of a line, with its end, by which it is told where it leads: a metre."""
@@ -292,17 +288,16 @@ def _through(
         if straight is None or straight.rooms.min() < least_room:
             continue
         entry = Pose2(*straight.poses[0])
-        onto: list[Piece] | None = []
+        before: list[Piece] = []
         if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
-            k = max(1, _nearest(line, entry))
-            onto = yield from _bands(
-                ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry, (stands, False)
-            )
-            if onto is None:
+            onto = np.concatenate([line[: max(1, _nearest(line, entry))], [[entry.x, entry.y]]])
+            found = yield from _bands(ground, onto, here, entry, (stands, False))
+            if found is None:
                 continue
-        seconds = straight.seconds + _seconds(onto)
+            before = found
+        seconds = straight.seconds + _seconds(before)
         if best is None or seconds < best[0]:
-            best = seconds, onto, straight
+            best = seconds, before, straight
     if best is None:
         return None
     leaving = best[2].poses[-1]
