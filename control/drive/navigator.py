@@ -369,7 +369,8 @@ class Navigator:
         if behind or (self._now.gears.are_enough and self._could_wait(leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
-            limits = replace(limits, tolerances=replace(limits.tolerances, position=CORNER_TOLERANCE))
+            corner = replace(limits.tolerances, position=CORNER_TOLERANCE, heading=HEADING_TOLERANCE)
+            limits = replace(limits, tolerances=corner)
         return limits
 
     def _could_wait(self, leg: PathLeg) -> bool:

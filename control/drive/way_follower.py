@@ -37,7 +37,7 @@ LAG_S = 0.08
 """[s] The chair answers a command so much later than the next period."""
 
 END_TOLERANCE, HEADING_TOLERANCE = 0.02, 0.03
-"""[m], [rad] Tolerances at a line's end, along the line and of the heading."""
+"""[m], [rad] Tolerances at a line's end, along the line and, unless a goal allows more, of the heading."""
 
 TURN_FIRST, TURN_MIDWAY = 0.2, 0.9
 """[rad] A standing chair farther off the line's heading turns before it drives; a driving chair stops and turns."""
@@ -149,7 +149,8 @@ class WayFollower:
         at = self._at(poses, ahead)
         here = self._at(poses, pose, keeps=False)
         self._straying.note(poses, self._k or 0, here.lateral, here.heading, here.bend, abs(command.v))
-        kept = replace(limits, tolerances=replace(limits.tolerances, heading=HEADING_TOLERANCE))
+        heading = max(limits.tolerances.heading, HEADING_TOLERANCE)
+        kept = replace(limits, tolerances=replace(limits.tolerances, heading=heading))
         tick = _Tick(poses, pose, ahead, command, at, distances, motion, odom_from_map.theta, fastest)
         result = self._with(self._body, replace(kept, clearance=TRACKED), tick)
         if result.blocked and (len(poses) == 1 or abs(at.lateral) <= BESIDE):

@@ -62,12 +62,14 @@ def flowing(
     backwards: bool = False,
     price: float = ROOM_PRICE,
     from_zones: Float32Array = NO_ZONES,
+    stands: tuple[bool, bool] = (False, False),
 ) -> CountedSteps[FloatArray]:
     """Return poses (M, 3) [m, m, rad] of the band from a line (N, 2) [m], all in the field's map frame; resumable.
 
-    `leaves` and `arrives` [rad] are the body's headings at the ends, where they are fixed. `from_zones` holds distances
-    [m] on the field's cells to zones that the axle's middle keeps out of; (0, 0) without any. The result need not be
-    free: check it with the exact outline.
+    `leaves` and `arrives` [rad] are the body's headings at the ends, where they are fixed. `stands`: whether the chair
+    stands at either end, so that a bend may begin or end right there. `from_zones` holds distances [m] on the field's cells
+    to zones that the axle's middle keeps out of; (0, 0) without any. The result need not be free: check it with the exact
+    outline.
     """
     points = evenly_spaced(line, SPACING)
     if len(points) < 4:
@@ -84,11 +86,17 @@ def flowing(
     ends = [
         math.nan if end is None else end + to_grid.theta + (0.0 if gear > 0 else math.pi) for end in (leaves, arrives)
     ]
-    before, beyond = (0 if math.isnan(end) else STRAIGHT for end in ends)
+    before, beyond = (
+        0 if math.isnan(end) else STRAIGHT_STANDING if rests else STRAIGHT
+        for end, rests in zip(ends, stands, strict=True)
+    )
     for _ in range(ROUNDS):
         yield len(local) * STEPS * CELLS_A_POINT
         local = np.concatenate([local[:1].repeat(before, axis=0), local, local[-1:].repeat(beyond, axis=0)])
-        still = _relax(local, field.metres, from_zones, field.resolution, shape, h, ends[0], ends[1], STEPS, price)
+        straight = before, beyond
+        still = _relax(
+            local, field.metres, from_zones, field.resolution, shape, h, (ends[0], ends[1]), straight, STEPS, price
+        )
         local = evenly_spaced(local[before : len(local) - beyond], SPACING)
         h = float(np.hypot(*(local[1] - local[0])))
         if len(local) < 4:
@@ -128,28 +136,26 @@ def _relax(
     cell: float,
     shape: FloatArray,
     h: float,
-    leaves: float,
-    arrives: float,
+    headings: tuple[float, float],
+    straight: tuple[int, int],
     steps: int,
     room_price: float,
 ) -> bool:
-    """Move points (N, 2) [m] in place by at most so many Gauss-Newton steps; return whether they rest."""
+    """Move points (N, 2) [m] in place by at most so many Gauss-Newton steps; return whether they rest.
+
+    So many points at the ends go on `straight` beyond them, in the `headings` [rad].
+    """
     n = len(p)
-    first, stop = 1, n - 1
-    if not math.isnan(leaves):  # the line comes straight to its end, so that its curvature begins from 0
-        first = STRAIGHT + 1
-        for j in range(STRAIGHT):
-            away = (STRAIGHT - j) * h
-            p[j, 0], p[j, 1] = p[STRAIGHT, 0] - away * math.cos(leaves), p[STRAIGHT, 1] - away * math.sin(leaves)
-    if not math.isnan(arrives):
-        stop = n - STRAIGHT - 1
-        for j in range(STRAIGHT):
-            away = (STRAIGHT - j) * h
-            end = n - 1 - STRAIGHT
-            p[n - 1 - j, 0], p[n - 1 - j, 1] = (
-                p[end, 0] + away * math.cos(arrives),
-                p[end, 1] + away * math.sin(arrives),
-            )
+    before, beyond = straight
+    first, stop = before + 1, n - beyond - 1
+    for j in range(before):
+        away = (before - j) * h
+        p[j, 0] = p[before, 0] - away * math.cos(headings[0])
+        p[j, 1] = p[before, 1] - away * math.sin(headings[0])
+    for j in range(beyond):
+        away, end = (beyond - j) * h, n - 1 - beyond
+        p[n - 1 - j, 0] = p[end, 0] + away * math.cos(headings[1])
+        p[n - 1 - j, 1] = p[end, 1] + away * math.sin(headings[1])
     count = stop - first
     if count < 1:
         return True
@@ -164,7 +170,7 @@ def _relax(
             across[i, 0], across[i, 1] = -ty / long, tx / long
         band[:] = 0.0
         right[:] = 0.0
-        _add_smoothness(p, across, h, first, stop, band, right)
+        _add_smoothness(p, across, h, first, stop, straight, band, right)
         _add_room(p, across, metres, from_zones, cell, shape, room_price * h, first, stop, band, right)
         for row in range(count):
             band[row, 0] += DAMPING
@@ -183,16 +189,31 @@ def _relax(
 
 @njit(cache=True, nogil=True)
 def _add_smoothness(
-    p: FloatArray, across: FloatArray, h: float, first: int, stop: int, band: FloatArray, right: FloatArray
+    p: FloatArray,
+    across: FloatArray,
+    h: float,
+    first: int,
+    stop: int,
+    straight: tuple[int, int],
+    band: FloatArray,
+    right: FloatArray,
 ) -> None:
-    """Add the price of length, bends and their rate to the system of the points from `first` to `stop`."""
+    """Add the price of length, bends and their rate to the system of the points from `first` to `stop`.
+
+    At an end where the chair stands the bend costs more: it begins to turn with its whole acceleration.
+    """
     stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
     prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
     slopes = np.zeros(4)
     for term in range(3):
         size = term + 2
         for i in range(len(p) - size + 1):
-            rx, ry = 0.0, 0.0
+            price, rx, ry = prices[term], 0.0, 0.0
+            if term == 1 and (
+                (i == 0 and straight[0] == STRAIGHT_STANDING)
+                or (i == len(p) - size and straight[1] == STRAIGHT_STANDING)
+            ):
+                price *= STANDING_BEND
             for a in range(size):
                 rx += stencils[term, a] * p[i + a, 0]
                 ry += stencils[term, a] * p[i + a, 1]
@@ -208,19 +229,19 @@ def _add_smoothness(
                 for a in range(size):
                     if first <= i + a < stop:
                         row = i + a - first
-                        right[row] -= prices[term] * slopes[a] * residual
+                        right[row] -= price * slopes[a] * residual
                         for b in range(a + 1):
                             if first <= i + b < stop:
-                                band[row, a - b] += prices[term] * slopes[a] * slopes[b]
+                                band[row, a - b] += price * slopes[a] * slopes[b]
                 continue
             for a in range(size):
                 if first <= i + a < stop:
                     row = i + a - first
-                    right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
+                    right[row] -= price * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
                     for b in range(a + 1):
                         if first <= i + b < stop:
                             dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
-                            band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
+                            band[row, a - b] += price * stencils[term, a] * stencils[term, b] * dot
 
 
 @njit(cache=True, nogil=True)
@@ -273,8 +294,12 @@ def _add_room(
                         band[row, a - b] += price * lever[a] * lever[b]
 
 
-STRAIGHT = 3
-"""Points by which a line with a fixed heading goes on straight beyond its end while it is relaxed."""
+STRAIGHT, STRAIGHT_STANDING = 3, 1
+"""Points by which a line with a fixed heading goes on straight beyond its end while it is relaxed: with the first its curvature
+begins from 0, as a chair needs that is on the move there; the second, for one that stands, fixes the heading alone."""
+
+STANDING_BEND = 4.0
+"""So many times dearer is the bend with which a chair sets off or comes to rest."""
 
 DAMPING = 2.0
 """Added to the diagonal of the system: a point moves no farther than its neighbours' room tells."""

@@ -18,26 +18,19 @@ from waychair.planning.body.clearance import HARD, NOISE, PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.route.flowing_line import COMFORT, NO_ZONES, SPACING, flowing
+from waychair.planning.route.flowing_line import NO_ZONES, SPACING, flowing
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import DoorPassage, PathLeg
 from waychair.planning.route.manoeuvres import manoeuvre_between
-from waychair.planning.route.rooms import can_turn, rooms_beside, turn_to
+from waychair.planning.route.rooms import can_turn, rooms_beside
 from waychair.planning.route.shortcuts import shortened
-from waychair.planning.route.speed_profile import time_along, turn_time
-from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
+from waychair.planning.route.soonest_band import LEAST_ROOM, Stands, band_between, soonest_band
+from waychair.planning.route.speed_profile import time_along
+from waychair.planning.route.turns_beside import steps_aside
+from waychair.planning.route.way_pieces import FIRM_PRICE, Ground, Piece
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.resumable import CELLS_PER_STEP, CountedSteps, counted
 from waychair.types import Float32Array, FloatArray, Path, Pose2
-
-LEAST_ROOM = PLANNED
-"""[m] Room that a line needs."""
-
-_SETTLING_PRICE = 2000.0
-"""Price of lacking room at which a band first settles."""
-
-_TRIES = ((COMFORT, FIRM_PRICE), (0.12, 400000.0), (0.08, 400000.0))
-"""Comfort [m] and price of lacking room of the bands that are tried in turn."""
 
 _AHEAD = ((0.8, 0.0), (0.5, 0.0), (0.3, 0.08))
 """[m] Distances of the front end before a door's middle from which the chair is straight, and the least room beside it there: what a
@@ -82,21 +75,21 @@ def way_legs(
     if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
         return [_turn(start, goal.theta)]
     ground = Ground(costmap, limits, _zones_round(costmap, line), searches)
-    direct = None if searches is None else (yield from _directly(ground, start, goal))
+    direct = None if searches is None else (yield from _directly(ground, start, goal, (True, True)))
     if direct is not None:
         return _joined([direct], goal, ())
     pieces: list[Piece] = []
     passed: list[DoorPassage] = []
     here, rest = start, line
     for door in doors:
-        found = yield from _through(ground, rest, here, goal, door)
+        found = yield from _through(ground, rest, here, goal, door, stands=not pieces)
         if found is not None:
             before, straight, rest = found
-            pieces += [*([] if before is None else [before]), straight]
+            pieces += [*before, straight]
             here = Pose2(*straight.poses[-1])
             passed.append(door)
     if math.dist((here.x, here.y), (goal.x, goal.y)) > _ARRIVED or not pieces:
-        pieces += yield from _pieces(ground, rest, here, goal)
+        pieces += yield from _pieces(ground, rest, here, goal, (not pieces, True))
     return _joined(pieces, goal, passed)
 
 
@@ -109,7 +102,7 @@ def _turn(pose: Pose2, heading: float) -> PathLeg:
     return PathLeg(Path(np.array([pose.array(), [pose.x, pose.y, heading]])), np.zeros(2))
 
 
-def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece | None]:
+def _directly(ground: Ground, start: Pose2, goal: Pose2, stands: Stands) -> CountedSteps[Piece | None]:
     """Return the soonest band straight to a goal that is near, in both gears; to one behind a chair without room to turn, in reverse.
 
     To a goal half a metre behind the chair, a way over the cells would begin and end with half a turn.
@@ -129,7 +122,7 @@ def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece |
         if backwards and ground.limits.max_reverse == 0.0:
             continue
         turns = away <= _NEAR
-        piece = yield from _soonest(ground, line, start, goal, first=turns, last=turns, backwards=backwards)
+        piece = yield from soonest_band(ground, line, start, goal, stands, first=turns, last=turns, backwards=backwards)
         found += [] if piece is None else [piece]
     return min(found, key=lambda piece: piece.seconds) if found else None
 
@@ -158,11 +151,11 @@ def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
     return NO_ZONES if crosses else costmap.from_zones
 
 
-def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[Piece]]:
+def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2, stands: Stands) -> CountedSteps[list[Piece]]:
     """Return the band from pose to pose, with multi-point turns where it does not fit."""
-    whole = yield from _between(ground, line, start, goal)
+    whole = yield from _bands(ground, line, start, goal, stands)
     if whole is not None:
-        return [whole]
+        return whole
     costmap = ground.costmap
     poses = yield from flowing(line, costmap.field, costmap.body, price=FIRM_PRICE, from_zones=ground.from_zones)
     rooms = yield from rooms_beside(costmap, poses)
@@ -190,7 +183,7 @@ def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Coun
         out = goal if end == len(poses) - 1 else Pose2(*poses[end])
         before: list[Piece] = []
         if begin > 0:
-            piece = yield from _between(ground, poses[: begin + 1, :2], start, into)
+            piece = yield from band_between(ground, poses[: begin + 1, :2], start, into, (stands[0], False))
             if piece is None:
                 continue
             before = [piece]
@@ -200,12 +193,65 @@ def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Coun
             continue
         after: list[Piece] = []
         if end < len(poses) - 1:
-            after = yield from _pieces(ground, poses[end:, :2], out, goal)
+            after = yield from _pieces(ground, poses[end:, :2], out, goal, (False, stands[1]))
             onwards, after = _beginning(after)
             turned = np.concatenate([turned, onwards])
         gears = yield from shortened(ground, turned)
         return [*before, *gears, *after]
     raise _no_room(costmap, start, poses[first])
+
+
+def _bands(
+    ground: Ground, line: FloatArray, start: Pose2, goal: Pose2, stands: Stands
+) -> CountedSteps[list[Piece] | None]:
+    """Return the soonest of the bands from pose to pose: along the line, straight in either gear where they are near, and those
+    with turns on the spot beside the ends. None if none fits.
+    """
+    whole = yield from band_between(ground, line, start, goal, stands)
+    best = [] if whole is None else [whole]
+    if ground.searches is None or len(line) < 2:
+        return best or None
+    if _ARRIVED < math.dist((start.x, start.y), (goal.x, goal.y)) <= _NEAR:
+        direct = yield from _directly(ground, start, goal, stands)
+        best = best if direct is None else _sooner(best, [direct])
+    begin, rest = start, line
+    for step in (yield from steps_aside(ground, start, _bearing(start, line[:_HEADED]))):
+        ground.searches()
+        place = Pose2(*step.poses[-1])
+        onwards = np.concatenate([[[place.x, place.y]], line[min(_nearest(line, place) + 1, len(line) - 1) :]])
+        band = yield from band_between(ground, onwards, place, goal, (True, stands[1]))
+        if band is not None and _sooner(best, [step, band]) is not best:
+            best, begin, rest = [step, band], place, onwards
+    before = best[:-1]
+    for step in (yield from steps_aside(ground, goal, _bearing(goal, line[::-1][:_HEADED]) + math.pi, arrives=True)):
+        place = Pose2(*step.poses[0])
+        onto = np.concatenate([rest[: max(1, _nearest(rest, place))], [[place.x, place.y]]])
+        band = yield from band_between(ground, onto, begin, place, (stands[0] or begin is not start, True))
+        best = best if band is None else _sooner(best, [*before, band, step])
+    return best or None
+
+
+_HEADED = 11
+"""Points of a line, with its end, by which it is told where it leads: a metre."""
+
+
+def _bearing(pose: Pose2, line: FloatArray) -> float:
+    """Return the direction [rad] from a pose to the last point of a line (N, 2)."""
+    return math.atan2(line[-1, 1] - pose.y, line[-1, 0] - pose.x)
+
+
+def _sooner(best: list[Piece], other: list[Piece]) -> list[Piece]:
+    """Return the sooner of two chains of pieces; an empty one is none."""
+    return other if not best or _seconds(other) < _seconds(best) else best
+
+
+def _seconds(pieces: list[Piece]) -> float:
+    """Return how long [s] a chain of pieces takes."""
+    return sum(piece.seconds + _STOP_S for piece in pieces)
+
+
+_STOP_S = 0.5
+"""[s] About what the chair stands between two pieces."""
 
 
 def _beginning(pieces: list[Piece]) -> tuple[FloatArray, list[Piece]]:
@@ -233,22 +279,23 @@ def _no_room(costmap: Costmap, start: Pose2, pose: FloatArray) -> NoPath:
 
 
 def _through(
-    ground: Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage
-) -> CountedSteps[tuple[Piece | None, Piece, FloatArray] | None]:
+    ground: Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage, stands: bool
+) -> CountedSteps[tuple[list[Piece], Piece, FloatArray] | None]:
     """Return the soonest piece to a door's axis, the straight one through it, and the line beyond it."""
-    best: tuple[float, Piece | None, Piece] | None = None
+    best: tuple[float, list[Piece], Piece] | None = None
     for ahead, least_room in _AHEAD:
         straight = yield from _straight(ground, door, here, goal, ahead)
         if straight is None or straight.rooms.min() < least_room:
             continue
         entry = Pose2(*straight.poses[0])
-        seconds, before = straight.seconds, None
+        before: list[Piece] = []
         if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
-            k = max(1, _nearest(line, entry))
-            before = yield from _between(ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry)
-            if before is None:
+            onto = np.concatenate([line[: max(1, _nearest(line, entry))], [[entry.x, entry.y]]])
+            found = yield from _bands(ground, onto, here, entry, (stands, False))
+            if found is None:
                 continue
-            seconds += before.seconds
+            before = found
+        seconds = straight.seconds + _seconds(before)
         if best is None or seconds < best[0]:
             best = seconds, before, straight
     if best is None:
@@ -280,88 +327,6 @@ def _straight(ground: Ground, door: DoorPassage, here: Pose2, goal: Pose2, ahead
     poses = np.array([(middle @ Pose2(float(x), 0.0, 0.0)).array() for x in along])
     rooms = yield from rooms_beside(costmap, poses)
     return Piece(poses, rooms, time_along(poses, rooms, body, ground.limits))
-
-
-def _between(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[Piece | None]:
-    """Return the soonest band from pose to pose, with or without turns on the spot at its ends; None if none fits.
-
-    The ends of a long line do not depend on each other.
-    """
-    found = yield from _fitting(ground, line, None, None)
-    if found is not None:
-        poses, rooms = found
-        cut = math.ceil(_END_PART / SPACING)
-        if len(poses) > 3 * cut:
-            first = yield from _soonest(ground, poses[: cut + 1, :2], start, Pose2(*poses[cut]), last=False)
-            last = yield from _soonest(ground, poses[-cut - 1 :, :2], Pose2(*poses[-cut - 1]), goal, first=False)
-            if first is not None and last is not None:
-                poses = np.concatenate([first.poses[:-1], poses[cut : len(poses) - cut], last.poses[1:]])
-                rooms = np.concatenate([first.rooms[:-1], rooms[cut : len(rooms) - cut], last.rooms[1:]])
-                middle = time_along(poses, rooms, ground.costmap.body, ground.limits)
-                return Piece(poses, rooms, middle + first.turning + last.turning, turning=first.turning + last.turning)
-    return (yield from _soonest(ground, line, start, goal, found))
-
-
-def _soonest(
-    ground: Ground,
-    line: FloatArray,
-    start: Pose2,
-    goal: Pose2,
-    free: tuple[FloatArray, FloatArray] | None = None,
-    first: bool = True,
-    last: bool = True,
-    backwards: bool = False,
-) -> CountedSteps[Piece | None]:
-    """Return the soonest of the bands along a line with fixed and with free ends; None if none fits.
-
-    `free` is the band with free ends, if it is known. The chair may turn on the spot at the `first` and the `last` end;
-    at the others it drives on, in the pose's heading.
-    """
-    best: Piece | None = None
-    costmap, limits, gear = ground.costmap, ground.limits, -1.0 if backwards else 1.0
-    for leaves in (None, start.theta) if first else (start.theta,):
-        for arrives in (None, goal.theta) if last else (goal.theta,):
-            found = free if leaves is None and arrives is None else None
-            found = found or (yield from _fitting(ground, line, leaves, arrives, backwards))
-            if found is None:
-                continue
-            poses, rooms = found
-            into, out = Pose2(*poses[0]), Pose2(*poses[-1])
-            turn_in = turn_to(costmap, start, into.theta, PLANNED_TURN) if leaves is None else 0.0
-            if turn_in is None:
-                continue
-            turn_out = turn_to(costmap, out, goal.theta, PLANNED_TURN) if arrives is None else 0.0
-            if turn_out is None:
-                continue
-            turning = turn_time(turn_in, costmap.body, limits) + turn_time(turn_out, costmap.body, limits)
-            seconds = time_along(poses, rooms, costmap.body, limits, gear) + turning
-            if best is None or seconds < best.seconds:
-                best = Piece(poses, rooms, seconds, backwards, turning)
-    return best
-
-
-_END_PART = 3.0
-"""[m] Length of a line's ends that are made with and without a turn on the spot."""
-
-
-def _fitting(
-    ground: Ground, line: FloatArray, leaves: float | None, arrives: float | None, backwards: bool = False
-) -> CountedSteps[tuple[FloatArray, FloatArray] | None]:
-    """Return the first band along a line that fits, and the room (N,) [m] at its poses; None if none does."""
-    costmap = ground.costmap
-    for comfort, price in ((COMFORT, _SETTLING_PRICE), *_TRIES):
-        poses = yield from flowing(
-            line, costmap.field, costmap.body, leaves, arrives, comfort, backwards, price, ground.from_zones
-        )
-        line = poses[:, :2]
-        if price == _SETTLING_PRICE:
-            continue
-        if sharpest(poses) > SHARPEST:
-            return None
-        rooms = yield from rooms_beside(costmap, poses)
-        if (rooms[:-1] >= LEAST_ROOM).all() and not is_against_one_way(costmap, line):
-            return poses, rooms
-    return None
 
 
 def _nearest(line: FloatArray, pose: Pose2) -> int:

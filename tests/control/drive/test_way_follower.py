@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from waychair.planning.window.motion_limits import (
     PERIOD,
     CommandedMotion,
     DwaSettings,
+    GoalTolerances,
     motion_after,
 )
 from waychair.types import FloatArray, Path, Pose2, Twist
@@ -260,3 +262,15 @@ def test_what_a_sharp_bend_swings_a_slow_chair_off_its_line_does_not_slow_it_dow
     for y in np.arange(0.4, 1.2, 0.1).tolist():
         step(follow, Pose2(0.3, y, math.pi / 2), Twist(0.2, 0.0))
     assert follow.top_speed(LIMITS) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("allowed", "error", "arrives"), [(0.04, 0.035, True), (0.01, 0.035, False), (0.01, 0.025, True)]
+)
+def test_at_the_end_the_chair_turns_no_more_exactly_than_its_goal_asks_and_it_can(
+    allowed: float, error: float, arrives: bool
+) -> None:
+    limits = replace(LIMITS, tolerances=GoalTolerances(heading=allowed))
+    choice = step(follower(straight(1.0)), Pose2(1.0, 0.0, error), Twist(), limits=limits)
+    assert choice.arrived == arrives
+    assert (choice.twist == Twist()) == arrives

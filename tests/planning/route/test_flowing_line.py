@@ -17,7 +17,7 @@ from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.route.flowing_line import CELLS_A_POINT, STEPS, flowing
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.rooms import rooms_beside
-from waychair.planning.route.speed_profile import ROOMS
+from waychair.planning.route.speed_profile import ROOMS, curvatures
 from waychair.resumable import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -58,6 +58,18 @@ def test_fixed_headings_at_the_ends_are_kept_without_a_kink() -> None:
     assert poses[0, 2] == pytest.approx(0.0)
     assert wrap_angle(float(poses[-1, 2]) - math.pi / 2) == pytest.approx(0.0, abs=1e-9)
     assert np.abs(np.diff(np.unwrap(poses[:, 2]))).max() < 0.2
+
+
+def test_where_the_chair_stands_the_line_bends_at_once() -> None:
+    field, line = costmap_from_grid(square(), CHAIR_A).field, np.array([[1.5, 1.5], [6.0, 6.0]])
+
+    def made(stands: bool) -> FloatArray:
+        return finished(flowing(line, field, CHAIR_A, 0.0, math.pi / 2, price=PRICE, stands=(stands, stands)))
+
+    on_the_move, standing = made(False), made(True)
+    assert abs(curvatures(standing)[[1, -2]]).min() > 1.5 * abs(curvatures(on_the_move)[[1, -2]]).max()
+    assert standing[[0, -1], 2] == pytest.approx([0.0, math.pi / 2]), "the headings are kept"
+    assert arc_lengths(standing[:, :2])[-1] < arc_lengths(on_the_move[:, :2])[-1]
 
 
 def test_backwards_the_body_heads_against_the_way() -> None:
