@@ -81,7 +81,8 @@ class Track:
 
     `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
     certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
-    from which its displacement is measured, and `marked` the scan then, in the tracker's frame. `waits`: it stands where people
+    from which its displacement is measured, and `marked` the scan then, in the tracker's frame. `pace` [m/s], at `paced_ns`: the
+    fastest that it has walked within `PAUSE_S`, since the speed of somebody who turns about is none for a moment. `waits`: it stands where people
     wait, so that it counts as a person although nobody has seen it walk.
     """
 
@@ -97,6 +98,8 @@ class Track:
     mark: FloatArray = field(default_factory=lambda: np.zeros(2))
     mark_ns: int = 0
     marked: ScanAround | None = None
+    pace: float = 0.0
+    paced_ns: int = 0
     waits: bool = False
 
     @property
@@ -316,7 +319,9 @@ def _corrected(track: Track, middle: FloatArray, model: MoverModel, scan: ScanAr
         moves = displaced
     if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
         seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns, marked=scan)
-    return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
+    seen = replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
+    slower = seen.speed < seen.pace and seen.stamp_ns - seen.paced_ns <= PAUSE_S * 1e9
+    return seen if slower or not seen.has_walked else replace(seen, pace=seen.speed, paced_ns=seen.stamp_ns)
 
 
 def _is_fast(track: Track, model: MoverModel) -> bool:
