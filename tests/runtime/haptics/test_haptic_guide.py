@@ -68,6 +68,16 @@ def test_a_rider_who_only_feels_is_called_to_attention_when_leading_ends_once_th
     assert state.count == count + 2  # once
 
 
+def test_nobody_who_stands_is_sent_ahead_while_the_guard_itself_lets_nothing_pass(rider: GuidedRider) -> None:
+    rider.stick, rider.own_caps = JoystickInput(0), (0.0, 1.0, 1.0, 1.0)
+    rider.guide.lead(DESK)
+    rider.run(4000)
+    assert "forward" not in rider.said()
+    rider.own_caps = (1.0, 1.0, 1.0, 1.0)
+    rider.run(500)
+    assert "forward" in rider.said()
+
+
 def test_nobody_is_led_at_the_level_guide_before_the_board_guards_and_the_rider_is_told_how_it_begins(
     rider: GuidedRider,
 ) -> None:
