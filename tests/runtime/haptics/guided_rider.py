@@ -54,7 +54,6 @@ class GuidedRider:
         self.level, self.level_told = HelpLevel.GUIDE, ""
         self.signal: Signal | None = None
         self.guard: GuardReport | None = GuardReport((1.0, 1.0, 1.0, 1.0))
-        self.own_caps = (1.0, 1.0, 1.0, 1.0)
         self.stick: JoystickInput | None = None
         self.now_ms = 0
         self.states: list[HapticState] = []
@@ -83,7 +82,6 @@ class GuidedRider:
                 self.guard,
                 signal=self.signal,
                 odom_from_base=self.odom_from_base,
-                own_caps=self.own_caps,
             )
             self.states.append(self.guide.step(now))
             self.now_ms += TICK_MS
