@@ -297,7 +297,7 @@ class _Tick:
         left = along - state.back_until
         following = self._after_back(state)
         backs = v < -STILL_V
-        shut = self.now.shut_back and not backs and abs(self.now.twist.omega) < STILL_OMEGA  # a push would move nothing
+        shut = self.now.shut_back and not backs and abs(self.now.twist.omega) < SWIVELLING  # a push would move nothing
         if state.said is Symbol.BACK or shut:
             state = self._watched(state, backs)
         held = state.said is Symbol.BACK and self.now.held_back and self._since_obeyed(state) > OBEYED_S
