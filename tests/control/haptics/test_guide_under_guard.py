@@ -367,3 +367,14 @@ def test_a_turn_to_the_other_side_has_not_passed_its_heading(theta: float, omega
     word, after = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(plan, state, inputs)
     assert after.phase is phase
     assert word.advice is None or word.advice.symbol is Symbol.FORWARD
+
+
+@pytest.mark.parametrize(("omega", "asked"), [(0.1, None), (0.4, Symbol.BACK)])
+def test_a_slow_swing_does_not_open_the_way_back_and_a_turn_is_ended_by_asking_back(
+    omega: float, asked: Symbol | None
+) -> None:
+    now_ns, own_caps = 10_000_000_000, (1.0, 0.0, 1.0, 1.0)
+    state = GuideState(0, LeadingPhase.BACK, back_until=0.5, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 2_000_000_000)
+    inputs = GuideInputs.under(own_caps, 0.0, 0.2, now_ns, Pose2(0.8), Twist(0.0, omega), own_caps)
+    word, _ = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
+    assert (None if word.advice is None else word.advice.symbol) is asked
