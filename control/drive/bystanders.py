@@ -62,7 +62,6 @@ class Bystanders:
         self._body, self._space, self._margin = body, space, margin
         self._tracker = Tracker(model)
         self.tracks: tuple[Track, ...] = ()
-        self._out_of_sight: tuple[Track, ...] = ()
         self.waiting: tuple[tuple[float, float, float], ...] = ()
         """Circles x, y, radius [m] in map in which people stand and wait: anything there that may be a person is one."""
         self._room = space.radius
@@ -101,8 +100,6 @@ class Bystanders:
         waits = self._where_people_wait(tracks, odom_from_map)
         known = (replace(track, waits=bool(here)) for track, here in zip(tracks, waits, strict=True))
         self.tracks = tracks_at((track for track in known if track.is_person), now_ns)
-        lost = tracks_at(self._tracker.recently_lost, now_ns)
-        self._out_of_sight = tuple(track for track in lost if not scan.sees_through(track.position))
         self._note_stays(now_ns, odom_from_map @ pose)
         self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius
         room = personal_space_points(
@@ -137,10 +134,10 @@ class Bystanders:
     def in_reach(self, odom_from_base: Pose2) -> FloatArray:
         """Return points (N, 2) [m] in odom round the places that walking people can reach while the chair stops.
 
-        Nobody can tell whether somebody who walks turns about: they come so far in any direction, as fast as before. Somebody who walked out of
-        sight, as behind the chair, walks on there. A chair that they can reach already comes no nearer, not even in small steps.
+        Nobody can tell whether somebody who walks turns about: they come so far in any direction. A chair that they can
+        reach already comes no nearer, not even in small steps.
         """
-        walking = (track for track in (*self.tracks, *self._out_of_sight) if track.is_walking)
+        walking = (track for track in self.tracks if track.is_walking)
         return personal_space_points(walking, _reach, odom_from_base, self._body, _BESIDE_CHAIR)
 
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
@@ -209,7 +206,7 @@ class Bystanders:
 
 def _reach(track: Track) -> float:
     """Return how far [m] from its middle a person's body comes while the chair stops."""
-    return track.radius + min(max(track.speed, track.pace), _FASTEST) * _STOPPED_AFTER_S
+    return track.radius + min(track.speed, _FASTEST) * _STOPPED_AFTER_S
 
 
 _FASTEST = 1.5

@@ -74,9 +74,6 @@ DROPPED_AFTER_S, RECENTLY_S = 0.8, 5.0
 PAUSE_S = 2.0
 """[s] A person who stands for less is still walking."""
 
-TURNS_S = 0.6
-"""[s] For so long the filter takes somebody who turns about for slower than they are."""
-
 
 @dataclass(frozen=True, slots=True)
 class Track:
@@ -84,8 +81,7 @@ class Track:
 
     `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
     certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
-    from which its displacement is measured, and `marked` the scan then, in the tracker's frame. `pace` [m/s], at `paced_ns`: the
-    fastest that it has walked within `TURNS_S`, since the speed of somebody who turns about is none for a moment. `waits`: it stands where people
+    from which its displacement is measured, and `marked` the scan then, in the tracker's frame. `waits`: it stands where people
     wait, so that it counts as a person although nobody has seen it walk.
     """
 
@@ -101,8 +97,6 @@ class Track:
     mark: FloatArray = field(default_factory=lambda: np.zeros(2))
     mark_ns: int = 0
     marked: ScanAround | None = None
-    pace: float = 0.0
-    paced_ns: int = 0
     waits: bool = False
 
     @property
@@ -322,9 +316,7 @@ def _corrected(track: Track, middle: FloatArray, model: MoverModel, scan: ScanAr
         moves = displaced
     if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
         seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns, marked=scan)
-    seen = replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
-    slower = seen.speed < seen.pace and seen.stamp_ns - seen.paced_ns <= TURNS_S * 1e9
-    return seen if slower or not seen.has_walked else replace(seen, pace=seen.speed, paced_ns=seen.stamp_ns)
+    return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
 
 
 def _is_fast(track: Track, model: MoverModel) -> bool:

@@ -51,14 +51,6 @@ class Watch:
             self.people.see(stamp_ns + self.late_ns, pose, points, Pose2(), self.surroundings, 0.0, stamp_ns, free)
             self.scans += 1
 
-    def lose(self, way: Way, seconds: float, *, looks: bool) -> None:
-        """Let more time pass without a sight of the person; `looks`: beams pass where the person would be, else none does."""
-        for _ in range(round(seconds * 10)):
-            at, stamp_ns = way(self.scans * 0.1), self.scans * SCAN_NS
-            free = past(HERE, *at, -1.0 if looks else 0.6, 20.0)
-            self.people.see(stamp_ns, HERE, np.empty((0, 2)), Pose2(), self.surroundings, 0.0, stamp_ns, free)
-            self.scans += 1
-
     @property
     def now_ns(self) -> int:
         """The time of the latest scan."""
@@ -166,36 +158,6 @@ def test_nobody_who_walks_can_reach_a_chair_that_stops_outside_their_reach() -> 
     assert stoppable_along(reach, solid, Twist(-0.3, 0.0), CHAIR_A, MonitorSettings()) == 1.0
     watch.see(lambda _: (float(at[0]), float(at[1])), PAUSE_S + 2.0)
     assert len(watch.people.in_reach(HERE)) == 0, "the scan shows somebody who stands"
-
-
-def turns_about(seconds: float) -> tuple[float, float]:
-    """Walk away from the chair, and at 3 s towards it, as somebody who is reflected by a wall."""
-    return 4.5 + 0.8 * (seconds if seconds < 3.0 else 6.0 - seconds), 4.5
-
-
-def test_somebody_who_turns_about_is_reckoned_with_as_fast_as_they_walked_before() -> None:
-    watch = Watch()
-    watch.see(turns_about, 3.0)
-    for _ in range(10):
-        watch.see(turns_about, 0.1)
-        (track,) = watch.people.predicted(watch.now_ns, HERE)
-        reach = np.hypot(*(watch.people.in_reach(HERE) - track.position).T)
-        assert 0.3 + 0.4 * 0.8 < reach.min() <= reach.max() < 0.3 + 0.9 * 0.8
-
-
-def test_somebody_who_walked_out_of_sight_walks_on_there_until_a_beam_passes_the_place() -> None:
-    watch = Watch()
-    watch.see(walks_by, 4.0)
-    watch.lose(walks_by, 1.4, looks=False)
-    at = np.array(walks_by(5.3))
-    reach = np.hypot(*(watch.people.in_reach(HERE) - at).T)
-    assert 0.3 + 0.4 * 0.8 < reach.min() <= reach.max() < 0.3 + 0.9 * 0.8
-    watch.lose(walks_by, 0.1, looks=True)
-    assert len(watch.people.in_reach(HERE)) == 0, "a beam passes: nobody is there"
-    watch.lose(walks_by, 0.1, looks=False)
-    assert len(watch.people.in_reach(HERE)) > 0
-    watch.lose(walks_by, PAUSE_S, looks=False)
-    assert len(watch.people.in_reach(HERE)) == 0, "somebody unseen for so long may be anywhere"
 
 
 def test_no_person_lingers_for_a_chair_that_moves_on() -> None:
