@@ -440,6 +440,7 @@ class Chair:
             signal=None if state.perceived is None else state.perceived.told,
             computer_drives=state.verdict.computer_drives and not state.verdict.steered,
             odom_from_base=self._base.motion.fresh_pose(state.stamp_ns),
+            own_caps=self._base.guard.own_caps,
         )
 
     @property

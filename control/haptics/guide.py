@@ -233,7 +233,7 @@ class _Tick:
                 if goes_on and self._silent_s(state) > REPEAT_S:
                     return self._say(swivel, reason, replace(state, ignored=0))
                 return self._quiet(reason, replace(state, ignored=0))
-            if left < PASSED:
+            if left < PASSED and omega * side > 0.0:  # a turn to the other side has not been obeyed yet
                 return self._leave_turn(state)
         over = self.now.held_turn or self._since_obeyed(state) > OBEYED_S  # the guard holds what has come far enough
         if not turns and left < self._swivel_from(state) and over:
@@ -297,18 +297,21 @@ class _Tick:
         left = along - state.back_until
         following = self._after_back(state)
         backs = v < -STILL_V
-        if state.said is Symbol.BACK:
+        shut = self.now.shut_back and not backs and abs(self.now.twist.omega) < SWIVELLING  # a push would move nothing
+        if state.said is Symbol.BACK or shut:
             state = self._watched(state, backs)
         held = state.said is Symbol.BACK and self.now.held_back and self._since_obeyed(state) > OBEYED_S
-        if not backs and (held or self._stood(state, Symbol.BACK) > STUCK_S):
+        if not backs and (held or self._stood(state, Symbol.BACK) > (0.0 if shut else STUCK_S)):
             if self.plan.steps[state.step].kind is StepKind.PIVOT:
                 return self._quiet("neither the turn nor the way back is free", state, astray=True, blocked=True)
             return self._leave_back(state)
-        if left <= max(-v, 0.0) * self.guide.lead(following):
+        if left <= max(-v, 0.0) * self.guide.lead(following) or (backs and self.now.shut_back):
             if state.tries >= OPEN_TRIES and leg.door is None:  # the same leg would end before the same thing
                 return self._quiet("something is in the way", state, astray=True, blocked=True)
             return self._leave_back(state)
         reason = f"back, {max(left, 0.0):.1f} m more"
+        if shut:
+            return self._quiet(reason, state)
         if state.said is Symbol.BACK or (state.said in NUDGES and backs):
             if backs:
                 if self._silent_s(state) > REPEAT_S:
@@ -391,8 +394,10 @@ class _Tick:
         step = self.plan.steps[state.step]
         along, _, _ = on_leg(step, now.pose)
         at_jamb = step.door is not None and not (state.aim and aims_well(step, state.aim, self.guide.body))
-        held = now.held_ahead and at_jamb  # elsewhere somebody may walk by
-        if sent and not pending and (held or (now.pushes_ahead and stood > 2.0 * STUCK_S)):
+        shut = now.shut_ahead and stood > 0.0
+        held = (now.held_ahead or shut) and at_jamb  # elsewhere somebody may walk by
+        pushes = sent and now.pushes_ahead
+        if not pending and ((held and (sent or shut)) or ((pushes or shut) and stood > 2.0 * STUCK_S)):
             return self._retry(state, "something is in the way")
         if askew and (stood > STRAIGHTENS_S or (not pending and front_at_door(step, along, self.guide.body))):
             return self._retry(state, "the chair cannot be straightened here")
@@ -402,6 +407,8 @@ class _Tick:
             return self._quiet("something is in the way", state)  # the driver obeys already
         if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V and not now.held_swivel:
             return self._say(side, f"straighten, {abs(math.degrees(error)):.0f} degrees off", state)
+        if now.shut_ahead:
+            return self._quiet("something is in the way", state)  # a push would move nothing
         if sent or now.held_swivel:  # nudges do nothing to a hand that holds a turn
             return self._ask_again(Symbol.FORWARD, reason, state)
         return self._say(Symbol.FORWARD, reason, state)

@@ -67,13 +67,17 @@ class GuideState:
 _HELD, _HELD_AT = 0.03, 0.1
 """Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
 
+_SHUT_BACK = 0.13
+"""Share of the swing; behind, where it passes 0.15 m/s at most, the guard slows a push down to this for what is within 0.1 m."""
+
 
 @dataclass(frozen=True, slots=True)
 class GuideInputs:
     """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back.
 
     `held_swivel`: all that the hand does is a turn that the guard holds. `holds`: the board holds the stick as the guide asks
-    (`StickHold`). `pushes_ahead`, `pushes_aside`: the hand pushes the stick so; true where nobody tells.
+    (`StickHold`). `pushes_ahead`, `pushes_aside`: the hand pushes the stick so; true where nobody tells. `shut_ahead`, `shut_back`:
+    the guard by itself lets hardly any push pass there, whatever is asked for: less than 0.1 m is free.
     """
 
     now_ns: int
@@ -86,6 +90,8 @@ class GuideInputs:
     holds: bool = False
     pushes_ahead: bool = True
     pushes_aside: bool = True
+    shut_ahead: bool = False
+    shut_back: bool = False
 
     @classmethod
     def under(
@@ -96,8 +102,12 @@ class GuideInputs:
         now_ns: int,
         pose: Pose2,
         twist: Twist,
+        own_caps: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
     ) -> GuideInputs:
-        """Return the inputs for a stick under caps to the front, the rear, the left and the right, all in shares of the swing."""
+        """Return the inputs for a stick under caps to the front, the rear, the left and the right, all in shares of the swing.
+
+        `own_caps` are those of the guard without the hold that the guide asked for.
+        """
         front, rear, left, right = caps
         held_turn = turn > left + _HELD or -turn > right + _HELD
         return cls(
@@ -111,6 +121,8 @@ class GuideInputs:
             holds=True,
             pushes_ahead=forward > PUSHED,
             pushes_aside=abs(turn) > PUSHED,
+            shut_ahead=own_caps[0] < _HELD_AT,
+            shut_back=own_caps[1] < _SHUT_BACK,
         )
 
 

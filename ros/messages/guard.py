@@ -23,6 +23,7 @@ def guard_message(stamp_ns: int, guard: GuardView) -> Any:
         sentence=guard.told,
         guards=guard.caps is not None,
         caps=np.array(guard.caps or (1.0,) * 4, np.float64),
+        own_caps=np.array(guard.own_caps, np.float64),
         capped=guard.capped,
         warns=guard.warns,
         overridden=guard.overridden,
@@ -39,22 +40,28 @@ def read_guard(message: Any) -> GuardView:
         MessageError: an unknown level, a cap that is no number or beyond [0, 1], or an impossible stamp.
     """
     stamp_of(message)
-    front, rear, left, right = (float(cap) for cap in message.caps)
-    require_finite("a cap", front, rear, left, right)
-    if not all(0.0 <= cap <= 1.0 for cap in (front, rear, left, right)):
-        raise MessageError(f"the caps {front:g}, {rear:g}, {left:g}, {right:g} are not all within 0 and 1")
+    caps, own_caps = _caps(message.caps), _caps(message.own_caps)
     return GuardView(
         level=level_of(message.level),
         told=str(message.sentence),
         offered=level_of(message.offered),
-        caps=(front, rear, left, right) if message.guards else None,
+        caps=caps if message.guards else None,
         capped=bool(message.capped),
         warns=bool(message.warns),
         overridden=bool(message.overridden),
         lost=bool(message.lost),
         creeps=bool(message.creeps),
         stick=(float(message.stick[0]), float(message.stick[1])),
+        own_caps=own_caps,
     )
+
+
+def _caps(told: Any) -> tuple[float, float, float, float]:
+    front, rear, left, right = (float(cap) for cap in told)
+    require_finite("a cap", front, rear, left, right)
+    if not all(0.0 <= cap <= 1.0 for cap in (front, rear, left, right)):
+        raise MessageError(f"the caps {front:g}, {rear:g}, {left:g}, {right:g} are not all within 0 and 1")
+    return front, rear, left, right
 
 
 def level_of(name: str) -> HelpLevel:

@@ -417,4 +417,6 @@ def _inputs(now: HapticInputs, pose: Pose2) -> GuideInputs:
     """Return the guide's inputs: whether the guard holds the rider's stick back."""
     if now.guard is None or now.stick is None:
         return GuideInputs(now.now_ns, pose, now.twist)
-    return GuideInputs.under(now.guard.caps, now.stick.forward, now.stick.turn, now.now_ns, pose, now.twist)
+    return GuideInputs.under(
+        now.guard.caps, now.stick.forward, now.stick.turn, now.now_ns, pose, now.twist, now.own_caps
+    )

@@ -17,7 +17,8 @@ class HapticInputs:
     gyro alone is None without odometry.
 
     `level` is the level of help, `level_told` the last sentence about it. `stick` and `guard` are of the board's report,
-    None without one. `signal` is that of the behaviour cells. `others` is advice of other programs.
+    None without one. `own_caps` are those of the guard without the hold of the guidance, to the front, the rear, the left and the
+    right; 1 where nobody tells. `signal` is that of the behaviour cells. `others` is advice of other programs.
     `computer_drives`: nobody is led meanwhile.
     """
 
@@ -32,6 +33,7 @@ class HapticInputs:
     computer_drives: bool = False
     others: tuple[Advice, ...] = ()
     odom_from_base: Pose2 | None = None
+    own_caps: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)

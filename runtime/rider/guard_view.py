@@ -13,7 +13,8 @@ from waychair.types import GuardReport, HelpLevel, Telemetry
 class GuardView:
     """The level of help, the last sentence about it (`told`), and the level that the rider chose last (`offered`).
 
-    `caps`: of the board, in [0, 1] of the swing to the front, the rear, the left and the right, None while it does not guard.
+    `caps`: of the board, in [0, 1] of the swing to the front, the rear, the left and the right, None while it does not guard;
+    `own_caps`: those that the guard asks for by itself, without the hold of the guidance.
     `creeps`: an override by a press lasts. The other flags are those of `types.GuardReport`. `stick`: the rider's joystick,
     forward and turn in [-1, 1], left positive.
     """
@@ -28,6 +29,7 @@ class GuardView:
     lost: bool = False
     creeps: bool = False
     stick: tuple[float, float] = (0.0, 0.0)
+    own_caps: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
 
     @property
     def waits(self) -> bool:
@@ -61,6 +63,10 @@ class HelpState(Protocol):
     def overridden(self) -> bool:
         """Whether an override by a press lasts."""
 
+    @property
+    def own_caps(self) -> tuple[float, float, float, float]:
+        """The guard's latest caps without the hold of the guidance."""
+
 
 def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
     """Return the page's view of a level and of the board's guard by its last report; None: no usable board."""
@@ -80,4 +86,5 @@ def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
         lost=report.lost,
         creeps=creeps,
         stick=stick,
+        own_caps=help_now.own_caps,
     )

@@ -39,7 +39,7 @@ NOTHING_HELD = "There is nothing to override: the guard does not hold the joysti
 
 class RiderGuard:
     """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points in base that no scan
-    shows; None while they ought to be known and are not: then no cap is wide.
+    shows; None while they ought to be known and are not: then no cap is wide. `own_caps`: the latest without the hold of the guidance.
 
     `offered`: the level that the rider chose last, maybe on another day; no level begins by itself.
     `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
@@ -59,6 +59,7 @@ class RiderGuard:
         self.level = self.offered = HelpLevel.INFORM
         self.told = ""
         self.unscanned: Unscanned | None = Unscanned()
+        self.own_caps = Caps().each
         self._body, self._stops, self._settings = body, stops, settings
         self._monitor, self._bridge = monitor, bridge
         self._calibrated = calibrated
@@ -116,8 +117,9 @@ class RiderGuard:
         """Send the board the caps of this tick; return the record of it. The level ends if the board has ended the guard."""
         hold = self._hold_now(now_ns)
         passed = stick if stick is None else replace(stick, turn=_passed_turn(stick.turn, hold))
-        caps = _held(self._caps(now_ns, passed, measured, sectors), stick, hold)
-        sent = self._bridge.limit(caps, now_ns, now_ns)
+        caps = self._caps(now_ns, passed, measured, sectors)
+        self.own_caps = caps.each
+        sent = self._bridge.limit(_held(caps, stick, hold), now_ns, now_ns)
         ended = self._bridge.guard_end
         if ended:
             self.level, self.told, self._override = HelpLevel.INFORM, f"{GUARD_ENDED}{ended}.", None

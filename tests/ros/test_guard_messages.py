@@ -28,6 +28,7 @@ def over_the_wire(message: Any) -> Any:
     st.none() | st.tuples(CAP, CAP, CAP, CAP),
     st.lists(st.booleans(), min_size=5, max_size=5),
     st.tuples(STICK, STICK),
+    st.tuples(CAP, CAP, CAP, CAP),
 )
 def test_a_level_and_its_caps_arrive_unchanged(
     level: HelpLevel,
@@ -35,8 +36,9 @@ def test_a_level_and_its_caps_arrive_unchanged(
     caps: tuple[float, float, float, float] | None,
     flags: list[bool],
     stick: tuple[float, float],
+    own_caps: tuple[float, float, float, float],
 ) -> None:
-    sent = GuardView(level, "Let go.", offered, caps, *flags, stick=stick)
+    sent = GuardView(level, "Let go.", offered, caps, *flags, stick=stick, own_caps=own_caps)
     assert read_guard(over_the_wire(guard_message(7, sent))) == sent
 
 
@@ -46,6 +48,7 @@ def test_a_level_and_its_caps_arrive_unchanged(
         ("level", "push", "'push'.*inform, guard, guide"),
         ("caps", [0.1, 0.1, float("nan"), 0.1], "cap"),
         ("caps", [0.1, 1.1, 0, 0], "1.1"),
+        ("own_caps", [0.1, 1.1, 0, 0], "1.1"),
     ],
 )
 def test_wrong_levels_and_caps_are_named(field: str, value: object, says: str) -> None:

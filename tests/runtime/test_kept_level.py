@@ -69,10 +69,12 @@ def test_a_page_is_shown_the_boards_caps_and_that_it_waits_for_a_stick_at_rest()
 
     class Help:
         level, told, offered, overridden = HelpLevel.GUARD, SPOKEN[HelpLevel.GUARD], HelpLevel.GUARD, True
+        own_caps = (1.0, 0.0, 0.3, 0.4)
 
     assert guard_view(Help(), None).waits
     shown = guard_view(Help(), telemetry)
     assert (shown.caps, shown.capped, shown.lost, shown.creeps, shown.waits) == (report.caps, True, True, True, False)
+    assert shown.own_caps == Help.own_caps
 
 
 class _Port(GuardPort):

@@ -164,6 +164,8 @@ def test_guidance_holds_a_push_back_that_was_not_asked_for_until_the_rider_overr
     assert _caps_under(ride, StickHold(rear=0.0))[1] == 0.0
     assert _caps_under(ride, StickHold(rear=math.nan))[1] > 0.1
     assert _caps_under(ride, StickHold(rear=0.0))[1] == 0.0
+    assert ride.chair.guard_view(None).own_caps[1] == 1.0  # nobody guards
+    assert ride.chair.guard_view(ride.tick().telemetry).own_caps[1] > 0.1, "the guard's own, without the hold"
     assert ride.chair.override_guard(ride.simulator.now_ns) == (True, OVERRIDES)
     assert _caps_under(ride, StickHold(rear=0.0))[1] > 0.1
 

@@ -127,6 +127,7 @@ class LedRider:
                 level_told=guard.told,
                 stick=JoystickInput(now_ns, forward, turn),
                 guard=guard.report,
+                own_caps=guard.own_caps,
                 signal=None if seen is None else seen.told,
                 others=tuple(others),
                 computer_drives=drive is not None and drive.driving and not drive.steered,

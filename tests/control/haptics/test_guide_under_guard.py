@@ -22,7 +22,15 @@ from waychair.control.haptics.guide_numbers import (
     OPEN_TRIES,
     PER_ROOM,
 )
-from waychair.control.haptics.guide_types import Aim, GuideInputs, GuideState, LeadingPhase, Nudge, StickHold
+from waychair.control.haptics.guide_types import (
+    Aim,
+    GuideInputs,
+    GuideState,
+    GuideWord,
+    LeadingPhase,
+    Nudge,
+    StickHold,
+)
 from waychair.control.haptics.held_stick import stick_hold
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol
@@ -296,3 +304,77 @@ def test_a_driver_held_before_a_door_waits_with_a_good_aim_and_is_sent_back_from
     inputs = GuideInputs.under((0.0, 1.0, 1.0, 1.0), 0.25, 0.0, 2_500_000_000, plan.steps[at].start, Twist())
     assert inputs.held_ahead
     assert guide.step(plan, state, inputs)[1].phase is phase
+
+
+def _asked_under(
+    plan: StepPlan,
+    state: GuideState,
+    own_caps: tuple[float, float, float, float],
+    stick: tuple[float, float],
+    seconds: float,
+) -> tuple[list[Symbol], GuideWord]:
+    """Return what a driver who stands is asked for, whose stick the guard holds by itself as well, and the last word."""
+    guide, asked = StepGuide(CHAIR_A, RiderModel(), DURATIONS), list[Symbol]()
+    for tick in range(1, round(seconds / TICK_S)):
+        now_ns, held = tick * 50_000_000, (0.0, 0.0, *own_caps[2:])
+        inputs = GuideInputs.under(held, *stick, now_ns, plan.steps[state.step].start, Twist(), own_caps)
+        word, state = guide.step(plan, state, inputs)
+        asked += [] if word.advice is None else [word.advice.symbol]
+        if word.astray:
+            break
+    return asked, word
+
+
+@pytest.mark.parametrize(("rear", "asked_back"), [(0.0, False), (0.11, False), (0.17, True)])
+def test_nobody_is_asked_back_where_the_guard_lets_hardly_anything_pass(rear: float, asked_back: bool) -> None:
+    plan = corner()
+    pivot = next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT)
+    state = GuideState(pivot, LeadingPhase.TURN, math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=0)
+    asked, last = _asked_under(plan, state, (1.0, rear, 0.0, 0.0), (0.0, 0.2), 12.0)
+    assert (Symbol.BACK in asked) is asked_back
+    assert last.reason == "neither the turn nor the way back is free"
+
+
+def test_nobody_who_stands_is_sent_ahead_where_the_guard_lets_nothing_pass_but_back_after_a_while() -> None:
+    state, rest = GuideState(0, LeadingPhase.GO, said=Symbol.NUDGE_LEFT, said_ns=0), (0.0, 0.0)
+    first = {
+        (front, seconds): _asked_under(open_leg(3.0), state, (front, 1.0, 1.0, 1.0), rest, seconds)[0][:1]
+        for front in (0.0, 0.2)
+        for seconds in (5.0, 7.5)
+    }
+    assert (first[0.2, 5.0], first[0.0, 5.0], first[0.0, 7.5]) == ([Symbol.FORWARD], [], [Symbol.BACK])
+
+
+def test_a_way_back_that_the_guard_ends_is_over() -> None:
+    plan, guide, now_ns = open_leg(3.0), StepGuide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    state = GuideState(0, LeadingPhase.BACK, back_until=0.5, said=Symbol.BACK, said_ns=now_ns - 4_000_000_000)
+    phases = []
+    for rear in (0.17, 0.12):
+        own_caps = (1.0, rear, 1.0, 1.0)
+        inputs = GuideInputs.under(own_caps, -0.25, 0.0, now_ns, Pose2(0.8), Twist(-0.08), own_caps)
+        word, after = guide.step(plan, state, inputs)
+        assert word.advice is not None
+        phases.append((after.phase, word.advice.symbol))
+    assert phases == [(LeadingPhase.BACK, Symbol.BACK), (LeadingPhase.GO, Symbol.FORWARD)]
+
+
+@pytest.mark.parametrize(("theta", "omega", "phase"), [(1.2, -0.4, LeadingPhase.TURN), (2.0, 0.4, LeadingPhase.GO)])
+def test_a_turn_to_the_other_side_has_not_passed_its_heading(theta: float, omega: float, phase: LeadingPhase) -> None:
+    plan, now_ns = corner(), 10_000_000_000
+    pivot = next(k for k, each in enumerate(plan.steps) if each.kind is StepKind.PIVOT)
+    state = GuideState(pivot, LeadingPhase.TURN, math.pi / 2, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 900_000_000)
+    inputs = GuideInputs.under((0.0, 0.0, 1.0, 1.0), 0.0, 0.2, now_ns, Pose2(3.0, 0.0, theta), Twist(0.0, omega))
+    word, after = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(plan, state, inputs)
+    assert after.phase is phase
+    assert word.advice is None or word.advice.symbol is Symbol.FORWARD
+
+
+@pytest.mark.parametrize(("omega", "asked"), [(0.1, None), (0.4, Symbol.BACK)])
+def test_a_slow_swing_does_not_open_the_way_back_and_a_turn_is_ended_by_asking_back(
+    omega: float, asked: Symbol | None
+) -> None:
+    now_ns, own_caps = 10_000_000_000, (1.0, 0.0, 1.0, 1.0)
+    state = GuideState(0, LeadingPhase.BACK, back_until=0.5, said=Symbol.SWIVEL_LEFT, said_ns=now_ns - 2_000_000_000)
+    inputs = GuideInputs.under(own_caps, 0.0, 0.2, now_ns, Pose2(0.8), Twist(0.0, omega), own_caps)
+    word, _ = StepGuide(CHAIR_A, RiderModel(), DURATIONS).step(open_leg(3.0), state, inputs)
+    assert (None if word.advice is None else word.advice.symbol) is asked

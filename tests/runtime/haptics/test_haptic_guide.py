@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.runtime.haptics.guided_rider import DESK, GuidedRider
+from tests.runtime.haptics.guided_rider import DESK, START, TICK_MS, GuidedRider
 from waychair.control.behaviours.commands import Move, Signal, SignalKind
 from waychair.control.behaviours.sonar import Obstacle
 from waychair.control.haptics.profile import HapticsProfile
@@ -66,6 +66,24 @@ def test_a_rider_who_only_feels_is_called_to_attention_when_leading_ends_once_th
     assert (state.symbol, state.text) == ("attention", "You are no longer led: a test has ended it.")
     assert rider.felt(began) == {4}
     assert state.count == count + 2  # once
+
+
+def test_nobody_who_stands_is_sent_ahead_while_the_guard_itself_lets_nothing_pass(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    said = dict[float, list[str]]()
+    for front in (0.0, 1.0):
+        began = len(rider.states)
+        for _ in range(4000 // TICK_MS):
+            now = HapticInputs(
+                rider.now_ms * 1_000_000, START, Twist(), HelpLevel.GUIDE, "", JoystickInput(0), FREE,
+                own_caps=(front, 1.0, 1.0, 1.0),
+            )  # fmt: skip
+            rider.states.append(rider.guide.step(now))
+            rider.now_ms += TICK_MS
+            rider.glove.step(rider.now_ms, rider.inputs)
+        said[front] = rider.said(began)
+    assert "forward" not in said[0.0]
+    assert "forward" in said[1.0]
 
 
 def test_nobody_is_led_at_the_level_guide_before_the_board_guards_and_the_rider_is_told_how_it_begins(
