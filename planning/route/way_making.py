@@ -247,10 +247,10 @@ def _sooner(best: list[Piece], other: list[Piece]) -> list[Piece]:
 
 def _seconds(pieces: list[Piece]) -> float:
     """Return how long [s] a chain of pieces takes."""
-    return sum(piece.seconds + _STOP_S for piece in pieces)
+    return sum(piece.seconds + _BETWEEN_PIECES_S for piece in pieces)
 
 
-_STOP_S = 0.5
+_BETWEEN_PIECES_S = 0.5
 """[s] About what the chair stands between two pieces."""
 
 
