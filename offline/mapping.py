@@ -331,9 +331,10 @@ def _finished(
         memory = builder.finish(live.mapper)
         live.seconds["vision"] = builder.seconds
         amiss = [*amiss, *builder.warnings]
-    if pictures is not None and pictures.check is not None:
-        live.seconds["camera"] = pictures.seconds
-        amiss = [*amiss, *pictures.sentences()]
+    checked = None if pictures is None or pictures.check is None else pictures
+    if checked is not None:
+        live.seconds["camera"] = checked.seconds
+        amiss = [*amiss, *checked.sentences()]
     stages = {"reading": reading_s, **live.seconds, **result.seconds}
     stages["total"] = time.process_time() - cpu + reading_s
     cost = Cost(stages, live.key_seconds, time.perf_counter() - started, peak_memory_mb())
@@ -341,8 +342,8 @@ def _finished(
     mapping = _reported(live, result, recording, cost, first)
     if memory is not None:
         mapping.report["memory"] = memory
-    if pictures is not None and pictures.check is not None:
-        mapping.report["camera"] = pictures.data()
+    if checked is not None:
+        mapping.report["camera"] = checked.data()
     return replace(mapping, pictures=pictures)
 
 

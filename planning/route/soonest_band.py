@@ -6,6 +6,7 @@ A chair that slows down turns on the way for nothing. So it begins the turn at i
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -82,12 +83,12 @@ def soonest_band(
     `free` is the band with free ends, if it is known. The chair may turn on the spot at the `first` and the `last` end;
     at the others it drives on, in the pose's heading.
     """
-    band = _Band(ground, line, start, goal, stands, backwards)
+    band = partial(_band, ground, line, (start, goal), stands, backwards)
     best: Piece | None = None
     ends: tuple[float | None, float | None] = start.theta, goal.theta
     for leaves in (None, start.theta) if first else (start.theta,):
         for arrives in (None, goal.theta) if last else (goal.theta,):
-            piece = yield from band.made(leaves, arrives, free if leaves is None and arrives is None else None)
+            piece = yield from band(leaves, arrives, free if leaves is None and arrives is None else None)
             if piece is not None and (best is None or piece.seconds < best.seconds):
                 best, ends = piece, (leaves, arrives)
     if best is None:
@@ -97,50 +98,45 @@ def soonest_band(
         turn, most = wrap_angle(goal.theta - float(best.poses[-1, 2])), best.seconds - _WORTH_S
         for part in _IN_BENDS:
             if abs(turn) > part + _LEAST_TURN:
-                piece = yield from band.made(leaves, goal.theta - turn + math.copysign(part, turn))
+                piece = yield from band(leaves, goal.theta - turn + math.copysign(part, turn))
                 if piece is not None and piece.seconds < min(most, best.seconds):
                     best = piece
     return best
 
 
-class _Band:
-    """Makes bands along a line between two poses, which differ in the headings at their ends."""
+def _band(
+    ground: Ground,
+    line: FloatArray,
+    ends: tuple[Pose2, Pose2],
+    stands: Stands,
+    backwards: bool,
+    leaves: float | None,
+    arrives: float | None,
+    found: tuple[FloatArray, FloatArray] | None = None,
+) -> CountedSteps[Piece | None]:
+    """Return the band that leaves and arrives in these headings [rad], None being free, with the turns to and from them.
 
-    def __init__(
-        self, ground: Ground, line: FloatArray, start: Pose2, goal: Pose2, stands: Stands, backwards: bool
-    ) -> None:
-        self._ground, self._line, self._stands, self._backwards = ground, line, stands, backwards
-        self._start, self._goal = start, goal
-
-    def made(
-        self, leaves: float | None, arrives: float | None, found: tuple[FloatArray, FloatArray] | None = None
-    ) -> CountedSteps[Piece | None]:
-        """Return the band that leaves and arrives in these headings [rad], None being free, with the turns to and from them.
-
-        `found` is that band, if it is known. None if it does not fit, or a turn is not free.
-        """
-        ground, start, goal = self._ground, self._start, self._goal
-        for stands in dict.fromkeys(
-            (self._stands, (False, False))
-        ):  # with a straight beginning and end it may fit still
-            if found is None:
-                found = yield from _fitting(ground, self._line, leaves, arrives, self._backwards, stands)
-        if found is None:
+    `ends` are the poses between which it leads; `found` is that band, if it is known. None if it does not fit, or a turn is not free.
+    """
+    if found is None:
+        found = yield from _fitting(ground, line, leaves, arrives, backwards, stands)
+    if found is None and any(stands):  # with a straight beginning and end it may fit still
+        found = yield from _fitting(ground, line, leaves, arrives, backwards)
+    if found is None:
+        return None
+    poses, rooms = found
+    (start, goal), body, turning = ends, ground.costmap.body, 0.0
+    for needed, rests, at, heading in (
+        (leaves != start.theta, stands[0], start, float(poses[0, 2])),
+        (arrives != goal.theta, stands[1], Pose2(*poses[-1]), goal.theta),
+    ):
+        turn = turn_to(ground.costmap, at, heading, PLANNED_TURN) if needed else 0.0
+        if turn is None:
             return None
-        poses, rooms = found
-        turning = 0.0
-        for needed, rests, at, heading in (
-            (leaves != start.theta, self._stands[0], start, float(poses[0, 2])),
-            (arrives != goal.theta, self._stands[1], Pose2(*poses[-1]), goal.theta),
-        ):
-            turn = turn_to(ground.costmap, at, heading, PLANNED_TURN) if needed else 0.0
-            if turn is None:
-                return None
-            stop = 0.0 if rests or abs(turn) < NO_TURN else _STOP_S
-            turning += turn_time(turn, ground.costmap.body, ground.limits) + stop
-        gear = -1.0 if self._backwards else 1.0
-        seconds = time_along(poses, rooms, ground.costmap.body, ground.limits, gear) + turning
-        return Piece(poses, rooms, seconds, self._backwards, turning)
+        stop = 0.0 if rests or abs(turn) < NO_TURN else _STOP_S
+        turning += turn_time(turn, body, ground.limits) + stop
+    seconds = time_along(poses, rooms, body, ground.limits, -1.0 if backwards else 1.0) + turning
+    return Piece(poses, rooms, seconds, backwards, turning)
 
 
 def _fitting(

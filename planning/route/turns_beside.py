@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from waychair.geometry import compose
+from waychair.geometry import arcs, compose
 from waychair.planning.body.clearance import PLANNED, PLANNED_TURN
 from waychair.planning.route.flowing_line import SPACING
 from waychair.planning.route.rooms import can_turn, rooms_beside
@@ -46,7 +46,7 @@ def steps_aside(ground: Ground, pose: Pose2, heading: float, arrives: bool = Fal
             if backwards and limits.max_reverse == 0.0:
                 break
             along = np.linspace(0.0, ahead, max(4, math.ceil(abs(ahead) / SPACING)) + 1)
-            poses = compose(pose.array(), np.column_stack([along, np.zeros((len(along), 2))]))
+            poses = compose(pose.array(), arcs(along, np.zeros_like(along)))
             poses = poses[::-1] if arrives else poses
             rooms = yield from rooms_beside(costmap, poses)
             if rooms.min() < PLANNED or is_against_one_way(costmap, poses[:, :2]):

@@ -211,7 +211,8 @@ def _bands(
     best = [] if whole is None else [whole]
     if ground.searches is None or len(line) < 2:
         return best or None
-    if _ARRIVED < math.dist((start.x, start.y), (goal.x, goal.y)) <= _NEAR:
+    # the whole way, at both of whose ends the chair stands, was tried directly before
+    if not all(stands) and _ARRIVED < math.dist((start.x, start.y), (goal.x, goal.y)) <= _NEAR:
         direct = yield from _directly(ground, start, goal, stands)
         best = best if direct is None else _sooner(best, [direct])
     begin, rest = start, line

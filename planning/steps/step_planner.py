@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from waychair.geometry import compose, evenly_spaced, transform_points, wrap_angle
+from waychair.geometry import arcs, compose, evenly_spaced, transform_points, wrap_angle
 from waychair.planning.body.clearance import NARROW
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
@@ -323,8 +323,8 @@ def _turned_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way
 def _straight_out(ground: ClearGround, start: Pose2, room: float) -> Iterator[_Way]:
     """Yield the ways straight ahead and back to the first place with room to spin."""
     for ahead in (1.0, -1.0):
-        along = ahead * _OUT_APART * np.arange(1, _OUT_LOOKS + 1)
-        ends = compose(start.array(), np.column_stack([along, np.zeros((len(along), 2))]))
+        along = ahead * _OUT_APART * np.arange(1.0, _OUT_LOOKS + 1.0)
+        ends = compose(start.array(), arcs(along, np.zeros_like(along)))
         rooms = ground.spin_room(ends[:, :2])
         rooms[~ground.free_until(ends, room)] = -math.inf
         spins = np.flatnonzero(rooms >= SPIN_ROOM)

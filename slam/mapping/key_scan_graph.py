@@ -13,6 +13,7 @@ from waychair.geometry import rotation, transform_points, wrap_angles
 from waychair.slam.graph.edges import EdgeArrays
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectedLoop
 from waychair.slam.graph.information import unknown_information
+from waychair.slam.graph.least_squares import connected_parts
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_scans
 from waychair.slam.scan.scan_matching import BEAM_SIGMA
@@ -157,6 +158,11 @@ class KeyGraph:
         for edge in self.edges:
             graph._count_edge(edge)
         return graph
+
+    def parts(self) -> IntArray:
+        """Return the part (N,) of the map that each key scan belongs to, from 0 on; edges of known motion join those of one part."""
+        edges = self.edge_arrays
+        return connected_parts(edges.i[~edges.torn], edges.j[~edges.torn], len(self))
 
     def reaches(self, node: int, before: int) -> bool:
         """Return whether a path along the edges leads from a key scan to one whose number is below `before`."""

@@ -111,8 +111,3 @@ def uncertain_submaps(
     possible &= reachable_before[ends] > reachable_before[firsts]
     found = [(float(away[k:end].min()), k, end) for k, end in np.array(runs)[possible].tolist()]
     return {k: np.arange(k, end) for _, k, end in sorted(found)}
-
-
-def are_connected(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays, a: int, b: int) -> bool:
-    """Return whether a path of known motion leads from one node to another."""
-    return bool(graph_distances(poses, edges, a)[b] < _UNKNOWN_LENGTH)

@@ -34,7 +34,6 @@ from waychair.slam.mapping.loop_candidates import (
     MIN_WINDOW,
     TURN_DRIFT,
     LoopSettings,
-    are_connected,
     candidates,
     graph_distances,
     uncertain_submaps,
@@ -372,15 +371,17 @@ class LoopCloser:
         """Return whether a find in the chair's own part of the map moves it no farther than a search near the chair might."""
         gap = keys.pose(find.j).inverse() @ _find_of(keys, find).pose
         near = math.hypot(gap.x, gap.y) <= MAX_WINDOW and abs(gap.theta) <= MAX_ANGLE
-        return near and are_connected(keys.poses, keys.edge_arrays, find.i, find.j)
+        part = keys.parts()
+        return near and bool(part[find.i] == part[find.j])
 
     def _is_one_place(self, keys: KeyGraph, finds: Sequence[Edge]) -> bool:
         """Return whether the chair can be at all places that the finds of one view lead to.
 
         It can be at one place of each part of the map, if the surroundings of that place in one part are those in the other.
         """
+        part = keys.parts()
         for a, b in combinations(finds, 2):
-            if are_connected(keys.poses, keys.edge_arrays, a.i, b.i):
+            if part[a.i] == part[b.i]:
                 return False
             a_from_b = _find_of(keys, a).pose @ _find_of(keys, b).pose.inverse()
             if not self._is_embedded(keys, sorted(keys.path_lengths(b.i, _PLACE_PATH)), a.i, a_from_b):
@@ -400,7 +401,7 @@ class LoopCloser:
             if rival.response < _MAX_AMBIGUITY * found[0].response:
                 return False
             pose, members = rival.map_from_base, search.submaps[rival.submap]
-            if any(_near(keys.pose(edge.i) @ edge.i_from_j, pose) for edge in search.edges):
+            if any(_near(_find_of(keys, edge).pose, pose) for edge in search.edges):
                 continue
             nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
             near = LoopCandidate(nearest, members, MIN_WINDOW, _AGREE_ANGLE)
