@@ -112,12 +112,12 @@ class Chair:
         scanned: OccupancyGrid | None = None,
         watcher: ChairWatcher | None = None,
         haptics: HapticGuide | None = None,
+        cells: str = "default",
     ) -> None:
         """See `DriveBase` and `Pilot`; `start` None: the localiser searches the whole map.
 
-        `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every
-        request (see `ChairWatcher.note_request`) and every tick; steering shows in the state's verdict. `haptics` tells and
-        leads a rider without sight.
+        `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every request and
+        every tick; steering shows in the state's verdict. `haptics` tells and leads a rider without sight. `cells`: their network.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -146,7 +146,7 @@ class Chair:
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)
         self._localisation: Localisation | None = None
         self._watcher = watcher
-        self._perception = Perception(calibration.body) if s.perceive else None
+        self._perception = Perception(calibration.body, network=cells) if s.perceive else None
         self.haptics = haptics
 
     def add_watcher(self, watcher: ChairWatcher) -> None:
@@ -418,16 +418,15 @@ class Chair:
             perceived=perceived,
         )
         if self.haptics is not None:
-            felt = self.haptics.step(self._haptic_inputs(state))
+            state = replace(state, haptics=(felt := self.haptics.step(self._haptic_inputs(state))))
             self.hold_stick(felt.hold, now_ns)
-            state = replace(state, haptics=felt)
         if self._watcher is not None:
             self._watcher.note_tick(heard, state, self.bridge.greeting)
         return state
 
     def _haptic_inputs(self, state: ChairState) -> HapticInputs:
         """Return a tick's facts for the guide of a rider without sight."""
-        found, telemetry = state.localisation, state.telemetry
+        found, telemetry, cells = state.localisation, state.telemetry, state.perceived
         knows = found is not None and found.state is not LocalisationState.LOST
         return HapticInputs(
             now_ns=state.stamp_ns,
@@ -437,7 +436,8 @@ class Chair:
             level_told=self.level_told,
             stick=None if telemetry is None else telemetry.joystick,
             guard=None if telemetry is None else telemetry.guard,
-            signal=None if state.perceived is None else state.perceived.told,
+            signal=None if cells is None else cells.told,
+            camera=None if cells is None else cells.camera,
             computer_drives=state.verdict.computer_drives and not state.verdict.steered,
             odom_from_base=self._base.motion.fresh_pose(state.stamp_ns),
             own_caps=self._base.guard.own_caps,

@@ -1,4 +1,4 @@
-"""Behaviour cells in a chair's tick: the default network hears the chair's sensors and says what is round the chair.
+"""Behaviour cells in a chair's tick: a network hears the chair's sensors and says what is round the chair.
 
 The chair passes its messages and poses on; the tick's command has been sent before the cells run, so that they delay
 none. They tell and do not drive. A chair without this switch has no `Perception` and pays nothing.
@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from waychair.control.behaviours.presets import Preset, shipped
 from waychair.control.behaviours.range_finder import CameraAim, LaserLine
 from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.view.sensor_parts import doors_seen, map_part, people_fans, picture_fans
+from waychair.control.behaviours.view.servo_cells import CameraOrder
 from waychair.control.drive.doors.doorway_tracker import DoorwayTracker
 from waychair.control.drive.local_obstacles import levelled_ground_view
 from waychair.errors import BehaviourError
@@ -32,7 +33,8 @@ from waychair.maps.depth.ground import GroundView
 from waychair.planning.seen.doorways import Doorway
 from waychair.planning.seen.range_views import view_from_scan
 from waychair.runtime.senses.doorway_sense import DoorwaySense
-from waychair.runtime.senses.servo_camera_sight import ServoCameraSight
+from waychair.runtime.senses.paper_sensors import PaperSensors
+from waychair.runtime.senses.servo_camera_sight import ServoCameraSight, ServoCameraTold
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.tilt import Tilt
 from waychair.types import (
@@ -47,6 +49,8 @@ from waychair.types import (
     ServoMessage,
     SonarReadings,
 )
+
+T = TypeVar("T")
 
 _MAP_EVERY_NS = 1_000_000_000
 """Period of the map's part: walls do not move."""
@@ -73,6 +77,7 @@ class Perceived:
     """The cells after a tick: the network, `count` innervations of its run before, the sensors' new values, the ports.
 
     `doorways` are those near the chair, in odom. `troubles`: a sentence for each sensor or cell that is not to be believed.
+    `camera`: the news of the camera on servos in this tick, if any; `aimed`: where it looks instead of where the cells aim it.
     """
 
     network: Preset
@@ -81,10 +86,14 @@ class Perceived:
     done: Innervation
     doorways: tuple[Doorway, ...] = ()
     troubles: tuple[str, ...] = ()
+    camera: ServoCameraTold | None = None
+    aimed: PanTiltCommand | None = None
 
     @property
     def order(self) -> PanTiltCommand | None:
-        """The order of the Sensor command manager to the camera on servos; None while nobody wants it, or without one."""
+        """The order to the camera on servos; None while nobody wants it, and without one."""
+        if self.aimed is not None:
+            return self.aimed
         aim = self.done.actions.get("pan/tilt servos")
         if aim is None:
             return None
@@ -116,19 +125,26 @@ class CellInputs:
 
 
 class Perception:
-    """The default network of one chair, with the adapters from the chair's messages to the network's sensors."""
+    """The network of one chair, with the adapters from the chair's messages to the network's sensors."""
 
     def __init__(
         self,
         body: ChairBody,
         settings: PaperSettings | None = None,
         timer: Callable[[], int] | None = time.thread_time_ns,
+        network: str = "default",
     ) -> None:
-        """`timer` reads a clock [ns] for cells that take too long; a thread's own one counts no other program's time."""
+        """`timer` reads a clock [ns] for cells that take too long; a thread's own one counts no other program's time.
+
+        `network`: "default", or "paper", which hears the sonars in the layout `paper`, the camera on servos, odometry and stick
+        alone.
+        """
         self.door_wanted = False
         """Whether the rider wants to be led through a doorway."""
         self._body, self._timer = body, timer
-        self._network = shipped("default", settings or PaperSettings(), body)
+        self._paper = PaperSensors() if network == "paper" else None
+        usual = PaperSettings() if self._paper is None else self._paper.settings
+        self._network = shipped(network, settings or usual, body)
         self._doorways = DoorwaySense(body)
         self._stamp_ns: int | None = None
         self._heard: dict[str, Any] = {}
@@ -147,6 +163,8 @@ class Perception:
 
     def see(self, scan: Scan, odom_from_base: Pose2) -> None:
         """Take in a scan without the beams that hit the chair itself, and the odometry at its stamp."""
+        if self._paper is not None:
+            return
         self._heard["lidar"] = scan
         self._servo_camera.compare(scan, self._body.base_from_laser)
         self._told("doorways", self._doorways.work)
@@ -154,6 +172,9 @@ class Perception:
 
     def hear(self, readings: SonarReadings, odom_from_base: Pose2) -> None:
         """Take in the sonars' readings, and the odometry at their stamp."""
+        if self._paper is not None:
+            self._heard["sonar packet"] = self._paper.packet(readings)
+            return  # so wide a cone hears the wall beside a doorway, which would count as closed
         self._heard["sonars"] = readings
         self._told("doorways", lambda: self._doorways.hear(readings, odom_from_base))
 
@@ -161,7 +182,7 @@ class Perception:
         self, frame: RgbdFrame, odom_from_base: Pose2, tilt: Tilt | None, ground: GroundView | None = None
     ) -> None:
         """Take in a picture of the depth camera, the odometry at its stamp, and the ground in it, if found already."""
-        self._picture = _DepthPicture(frame, odom_from_base, tilt, ground)
+        self._picture = _DepthPicture(frame, odom_from_base, tilt, ground) if self._paper is None else None
 
     def watch(self, message: ServoMessage, odom_from_base: Pose2) -> None:
         """Take in a message of the camera on servos, and the odometry at its stamp."""
@@ -178,12 +199,12 @@ class Perception:
         if self._picture is not None:
             picture, self._picture = self._picture, None
             self._told("depth", lambda: self._tell_picture(picture))
-        self._told("camera on servos", lambda: self._tell_servo_camera(now_ns))
+        camera = self._told("camera on servos", lambda: self._tell_servo_camera(now_ns))
         self._told("odometry", lambda: self._tell_motion(now_ns, known))
         self._told("map round the chair", lambda: self._tell_map(now_ns, known))
         heard: dict[str, Any] = {}
         if now_ns != self._stamp_ns:  # an extra tick at a stamp finds the outputs of that stamp
-            heard, self._heard = self._heard, heard
+            heard, self._heard = self._of_network(self._heard), heard
         self._stamp_ns = now_ns
         set_back = ""
         try:
@@ -193,23 +214,31 @@ class Perception:
             self._runtime, self._count = Runtime(self._network.wiring, timer=self._timer), 0
             done = self._runtime.innervate(now_ns, heard)
         count, self._count = self._count, self._count + 1
-        watched = done.ports["Sensor watch"].eo
+        watched = done.ports["Sensor watch"].eo if self._paper is None else None
         if watched is not None and watched.leapt:
             self._doorways.forget()
         troubles = [*self._faults.values(), *(f"{name} is inactive: {fault}" for name, fault in done.faults().items())]
         troubles += [*(watched.sentences if watched is not None else ()), *([set_back] if set_back else [])]
         granted = done.ports["grant"].eo
-        troubles += [granted.failed] if granted is not None and granted.failed else []
-        return Perceived(self._network, count, heard, done, self._doorways.found, tuple(troubles))
+        troubles += [granted.failed] if isinstance(granted, CameraOrder) and granted.failed else []
+        troubles += [self._camera_fault] if self._paper is not None and self._camera_fault else []
+        aimed = None if self._paper is None else self._paper.order(done, now_ns)
+        doorways = self._doorways.found
+        return Perceived(self._network, count, heard, done, doorways, tuple(troubles), camera, aimed)
 
-    def _told(self, name: str, tell: Callable[[], None]) -> None:
-        """Run an adapter; an error in it is named, and the cells get nothing from it."""
+    def _of_network(self, heard: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of the sensors that the network has."""
+        return {name: value for name, value in heard.items() if name in self._network.wiring.sensors}
+
+    def _told(self, name: str, tell: Callable[[], T]) -> T | None:
+        """Run an adapter, and return its value; an error in it is named, and the cells get nothing from it."""
         try:
-            tell()
+            value = tell()
         except Exception as error:  # noqa: BLE001 - a sensor's odd data must not end the chair's tick
             self._faults[name] = f"the {name} could not be read: {type(error).__name__}: {error}"
-        else:
-            self._faults.pop(name, None)
+            return None
+        self._faults.pop(name, None)
+        return value
 
     def _tell_picture(self, picture: _DepthPicture) -> None:
         """Tell of the ground and the things in a picture; without a lidar, doorways are looked for in it as well."""
@@ -220,11 +249,13 @@ class Perception:
         self._heard["depth"], self._heard["drop-offs"] = picture_fans(ground)
         self._doorways.look(picture.frame, level, picture.odom_from_base)
 
-    def _tell_servo_camera(self, now_ns: int) -> None:
-        """Tell the camera's aim, its fault, and the laser's line; its points show doorways as well."""
+    def _tell_servo_camera(self, now_ns: int) -> ServoCameraTold | None:
+        """Tell the camera's aim, its fault, and the laser's line, and return them; its points show doorways as well."""
         told = self._servo_camera.told(now_ns)
         if told is None:
-            return
+            return None
+        if self._paper is not None:
+            self._paper.note(told, now_ns)
         if told.aim is not None:
             self._heard["camera aim"] = told.aim
         if told.fault != self._camera_fault:
@@ -234,6 +265,7 @@ class Perception:
             aim = CameraAim(sight.angles.pan, sight.angles.tilt, sight.angles.settled)
             self._heard["laser line in the picture"] = LaserLine(sight.columns, sight.rows, aim)
             self._doorways.range(sight, told.odom_from_base, told.stamp_ns)
+        return told
 
     def _tell_motion(self, now_ns: int, known: CellInputs) -> None:
         """Tell odometry, stick, wish, people and doorways; the last two at the view's rate."""
@@ -248,7 +280,10 @@ class Perception:
         heard["odometry"] = OdometryPose(at.x, at.y, at.theta, odometry.twist.v, odometry.twist.omega)
         if self._doorways.is_due:
             heard["people"] = people_fans(transform_points(at.inverse(), known.people))
-            heard["doorways"] = doors_seen(self._doorways.take(), at)
+            doorways = self._doorways.take()
+            heard["doorways"] = doors_seen(doorways, at)
+            if self._paper is not None:
+                heard["frames in the picture"] = self._paper.frames(doorways, at)
 
     def _tell_map(self, now_ns: int, known: CellInputs) -> None:
         """Tell the map once a second, and when the pose in it was corrected; never while the pose is in doubt."""
@@ -280,7 +315,7 @@ class Perception:
             heard: dict[str, Any] = {"lidar": scan, "sonars": SonarReadings(0, np.full(8, 1.0, np.float32))}
             heard |= {"odometry": OdometryPose(at.x, at.y, at.theta), "depth": depth, "drop-offs": drops}
             heard |= {"people": people_fans(np.zeros((1, 2))), "map round the chair": map_part(grid, at, Pose2())}
-            runtime.innervate((k + 1) * VIEW_NS, heard)
+            runtime.innervate((k + 1) * VIEW_NS, self._of_network(heard))
         tracker.hear(np.zeros((1, 3)), np.array([3.0]))
         DoorwaySense(self._body).look(frame, np.eye(3), Pose2())
 

@@ -102,7 +102,7 @@ class DriveSetup:
     """The setting of a drive: the chair's map with its places, the chair, and `map_from_world` of the true poses.
 
     `stops` None: measured on the simulated chair (a chair without measured stops crawls). `zones` are the map's.
-    `scanned` is the map as the lidar sees it, if it differs from `grid`.
+    `scanned` is the map as the lidar sees it, if it differs from `grid`. `cells`: the network of behaviour cells, if the chair has any.
     """
 
     grid: OccupancyGrid
@@ -114,6 +114,7 @@ class DriveSetup:
     stops: StopTable | None = None
     zones: Sequence[Zone] = ()
     scanned: OccupancyGrid | None = None
+    cells: str = "default"
 
 
 def drive_to_places(
@@ -205,6 +206,7 @@ def simulated_chair(
                 scanned=setup.scanned,
                 watcher=watcher,
                 haptics=haptics,
+                cells=setup.cells,
             )
             with present_left_out():
                 yield chair

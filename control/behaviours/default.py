@@ -157,7 +157,8 @@ def find_swept_way(
 
     A chair with a camera on servos (`aim`) looks into several ways in turn.
     """
-    request, memory = (None, dynamic) if aim is None else swept_look(depth, granted, dynamic, now_ns)
+    seen_ns = None if depth is None else depth.stamp_ns
+    request, memory = (None, dynamic) if aim is None else swept_look(seen_ns, granted, dynamic, now_ns)
     if view is None:
         return WayFound(NULL, request), memory
     free = free_orientations(

@@ -39,8 +39,8 @@ LOST = "the chair does not know where it is: stop, and wait until it does"
 NO_ODOMETRY = "the chair does not know how far it has driven: stop, and wait until it does"
 """Reason of the warning to a rider who is led by odometry alone when there is none."""
 
-NOT_SEEN = "the lidar shows nothing: stop, and wait until it does"
-"""Reason of the warning to a rider who is led by odometry alone while no scan comes."""
+NOT_SEEN = "no sensor shows the way: stop, and wait until one does"
+"""Reason of the warning to a rider who is led by odometry alone while no scan and no look by the laser's line comes."""
 
 OVERRIDE_WARNING = "held on, the push makes the chair creep against the guard"
 """Reason of the warning before the board lets a long push through."""
@@ -63,8 +63,9 @@ AS_PAPER = (
 _LEAP = 0.5
 """m; no chair drives so far in a tick."""
 
-_SCANLESS_NS = 1_000_000_000
-"""ns without a scan, after which nobody is led by odometry alone."""
+_SCANLESS_NS, _LOOKLESS_NS = 1_000_000_000, 2_000_000_000
+"""ns without a scan, and without a look by the laser's line, after which nobody is led by odometry alone: the camera's servo takes up to
+1.4 s from one way to the next."""
 
 AGAIN_NS = 1_500_000_000
 """Two presses of the glove's button within this time ask where the chair is."""
@@ -101,11 +102,13 @@ class _Told:
 
 @dataclass(slots=True)
 class _ByOdometry:
-    """A way by odometry alone: its ground, whether a scan has come since the last tick, and pose and scan of the ticks before."""
+    """A way by odometry alone: its ground, for how long what was seen since the last tick counts [ns] (0: nothing was), until
+    when the ways seen before count, the stamp of the lidar's last scan (None without one), and the pose of the tick before."""
 
     ground: SeenGround
-    is_fresh: bool = False
-    seen_ns: int = 0
+    fresh_ns: int = 0
+    good_until_ns: int = 0
+    scan_ns: int | None = None
     before: Pose2 | None = None
 
     def withheld(self, now: HapticInputs) -> str:
@@ -116,9 +119,9 @@ class _ByOdometry:
         self.before = pose
         if before is not None and math.hypot(pose.x - before.x, pose.y - before.y) > _LEAP:
             return BEGUN_ANEW
-        if self.is_fresh:
-            self.is_fresh, self.seen_ns = False, now.now_ns
-        return "" if self.ground.is_seen and now.now_ns - self.seen_ns <= _SCANLESS_NS else NOT_SEEN
+        if self.fresh_ns:
+            self.fresh_ns, self.good_until_ns = 0, now.now_ns + self.fresh_ns
+        return "" if self.ground.is_seen and now.now_ns <= self.good_until_ns else NOT_SEEN
 
 
 _BLIND = (LOST, NO_ODOMETRY, NOT_SEEN)
@@ -195,7 +198,16 @@ class HapticGuide:
             self._mapped.see(scan, map_from_base, twist)
         if self._unmapped is not None and self.leader.goal is not None:
             self._unmapped.ground.see(scan, odom_from_base, twist)
-            self._unmapped.is_fresh = True
+            self._unmapped.fresh_ns, self._unmapped.scan_ns = _SCANLESS_NS, scan.stamp_ns
+
+    def _look(self, now: HapticInputs) -> None:
+        """Take in a look by the laser's line, unless the lidar has shown the way a moment ago: it shows more, and more exactly."""
+        unmapped, told = self._unmapped, now.camera
+        if unmapped is None or self.leader.goal is None or told is None or told.sight is None:
+            return
+        if unmapped.scan_ns is None or now.now_ns - unmapped.scan_ns > _SCANLESS_NS:
+            unmapped.ground.look(told.sight, told.odom_from_base, told.stamp_ns)
+            unmapped.fresh_ns = _LOOKLESS_NS
 
     def with_seen(self, known: Unscanned, odom_from_base: Pose2) -> Unscanned:
         """Return what no scan shows, in base, with the walls that were seen on a way without a map: they may be behind by now."""
@@ -218,6 +230,7 @@ class HapticGuide:
         """Run one tick: decide on the advice, say it where it is due, and return the channels' state."""
         if self._teller.as_paper:
             return self._step_as_paper(now)
+        self._look(now)
         withheld = self._withheld(now)
         pose = self._pose(now)
         guidance = None if withheld or pose is None else self.leader.step(_inputs(now, pose))

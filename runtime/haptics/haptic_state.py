@@ -8,6 +8,7 @@ from waychair.control.behaviours.commands import Signal
 from waychair.control.haptics.guide_types import StickHold
 from waychair.control.haptics.symbols import Advice
 from waychair.firmware_bridge.glove.bridge import GloveReport
+from waychair.runtime.senses.servo_camera_sight import ServoCameraTold
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
 
 
@@ -18,8 +19,8 @@ class HapticInputs:
 
     `level` is the level of help, `level_told` the last sentence about it. `stick` and `guard` are of the board's report,
     None without one. `own_caps` are those of the guard without the hold of the guidance, to the front, the rear, the left and the
-    right; 1 where nobody tells. `signal` is that of the behaviour cells. `others` is advice of other programs.
-    `computer_drives`: nobody is led meanwhile.
+    right; 1 where nobody tells. `signal` is that of the behaviour cells, `camera` the news of the camera on servos. `others` is
+    advice of other programs. `computer_drives`: nobody is led meanwhile.
     """
 
     now_ns: int
@@ -30,6 +31,7 @@ class HapticInputs:
     stick: JoystickInput | None = None
     guard: GuardReport | None = None
     signal: Signal | None = None
+    camera: ServoCameraTold | None = None
     computer_drives: bool = False
     others: tuple[Advice, ...] = ()
     odom_from_base: Pose2 | None = None

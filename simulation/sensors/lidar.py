@@ -50,8 +50,8 @@ class LidarSettings(Settings):
     rate_hz: float = setting(
         SCAN.rate_hz,
         "Hz",
-        "scans of the lidar per second; larger: obstacles are seen sooner, simulation is slower",
-        low=1.0,
+        "scans of the lidar per second; larger: obstacles are seen sooner, simulation is slower; 0: no lidar",
+        low=0.0,
         high=100.0,
     )
     beams: int = setting(
@@ -116,7 +116,7 @@ class Lidar:
         self._settings = settings
         self._mount = body.base_from_laser.array()
         self._rng = rng
-        self._period_ns = round(1e9 / settings.rate_hz)
+        self._period_ns = round(1e9 / settings.rate_hz) if settings.rate_hz else None
         self._sweep_ns = round(1e9 * settings.sweep_s)
         half = settings.field_of_view / 2
         self._angles = np.linspace(-half, half, settings.beams)
@@ -145,7 +145,7 @@ class Lidar:
         if self._times_ns:
             self._record_pose(map_from_base, leaning, now_ns)
             scan = self._finished(scenery, people, now_ns)
-        if now_ns % self._period_ns == 0:
+        if self._period_ns is not None and now_ns % self._period_ns == 0:
             self._people = legs(people)
             self._record_pose(map_from_base, leaning, now_ns)
             # A sweep of no duration ends as it begins.

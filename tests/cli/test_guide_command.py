@@ -9,6 +9,7 @@ import pytest
 
 from tests.cli.command import refused, waychair
 from tests.halls import mapped_hall
+from waychair.simulation.sensors.renderer import renderer_problem
 
 
 def test_a_guided_drive_that_ends_early_is_told_in_one_sentence_and_its_report_is_kept(tmp_path: Path) -> None:
@@ -55,10 +56,25 @@ def test_a_blind_rider_is_led_along_a_route_of_the_simulator(tmp_path: Path) -> 
         (("--goal", "kitchen", "--body", "C"), "--body 'C' is unknown: give one of A, B"),
         (("--goal", "kitchen", "--layout", "sock"), "there is no layout 'sock'"),
         (("--goal", "kitchen", "--rider", "stick", "--sound", "a.wav"), "leave --sound or --rider stick out"),
+        (
+            ("--goal", "kitchen", "--sensors", "paper", "--level", "guide"),
+            "--level guide: the paper's sensors do not show enough",
+        ),
+        (("--goal", "door-left", "--rider", "stick"), "a rider who sees steers by the map"),
     ],
 )
 def test_an_impossible_guided_drive_is_refused(arguments: tuple[str, ...], told: str) -> None:
     assert told in refused(waychair("guide", "--world", "apartment", *arguments))
+
+
+@pytest.mark.skipif(renderer_problem() is not None, reason=str(renderer_problem()))
+def test_a_chair_with_the_papers_sensors_is_led_through_the_next_door_without_a_guard(tmp_path: Path) -> None:
+    arguments = ("--goal", "door-ahead", "--sensors", "paper", "--start", "10.4,4.5,0", "--minutes", "1", "--seed", "1")
+    done = waychair("guide", "--world", "small_clinic", *arguments, "--out", tmp_path)
+    assert (done.returncode, done.stdout.startswith("reached the door ahead")) == (0, True), done.stderr
+    report = json.loads((tmp_path / "guided.json").read_text())
+    assert (report["sensors"], report["level"], report["goal"]) == ("paper", "inform", "the door ahead")
+    assert {tuple(row[1:5]) for row in report["caps_and_stick"]} == {(1.0, 1.0, 1.0, 1.0)}
 
 
 @pytest.mark.parametrize("minutes", ["nan", "-1", "0", "soon"])

@@ -22,7 +22,7 @@ from waychair.control.haptics.next_door import DoorSide, door_words
 from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.rider import RiderModel
-from waychair.errors import PlanningError
+from waychair.errors import ConfigError, MissingExtra, PlanningError
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.costmap import LiveCostmap
 from waychair.planning.steps.step import StepPlan
@@ -41,12 +41,17 @@ from waychair.trials.demo.demo import randomised_settings
 from waychair.trials.drive import DrivenWay, DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
+from waychair.trials.guiding.paper_chair import paper_body, paper_sensors
 from waychair.trials.guiding.sound_track import SoundTrack
 from waychair.trials.ride import RecordingSimulator
 from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place, Pose2
 
 UNCAPPED = (1.0, 1.0, 1.0, 1.0)
 """Caps of a stick that the board does not guard."""
+
+
+NO_GUARD = "the paper's sensors do not show enough for the board to guard the stick: choose the level inform"
+"""Reason for which a chair with the paper's sensors alone has no level but inform."""
 
 
 class RiderTold(enum.Enum):
@@ -59,13 +64,20 @@ class RiderTold(enum.Enum):
     SEES = "sees"
 
 
+class GuidedSensors(enum.Enum):
+    """The chair's sensors: the usual ones, by which it may also look for doorways; or the paper's alone, with the paper's network."""
+
+    USUAL = "usual"
+    WITH_DOORWAYS = "with doorways"
+    PAPER = "paper"
+
+
 @dataclass(frozen=True, slots=True)
 class GuidedSetup:
     """The setting of guided drives: the map, its zones, the chair, the driver, the level, and the device on the skin.
 
     `driver` is a preset's name. `known` was learnt of the driver before; the drives add to it. A goal is reached within `near_m`.
-    With `finds_doors` the chair looks for doorways. `words`: other patterns than the shipped ones. `track`: speech and tones as
-    well, which it takes in.
+    `words`: other patterns than the shipped ones. `track`: speech and tones as well, which it takes in.
     """
 
     world: World
@@ -80,7 +92,7 @@ class GuidedSetup:
     told: RiderTold = RiderTold.GUIDED
     words: TouchVocabulary | None = None
     near_m: float = 0.5
-    finds_doors: bool = False
+    sensors: GuidedSensors = GuidedSensors.USUAL
     simulator: SimulatorSettings | None = None
     track: SoundTrack | None = None
 
@@ -139,13 +151,21 @@ class GuidedRecord:
 
 def guided_drive(
     setup: GuidedSetup,
-    goal: Place,
+    goal: Place | DoorSide,
     time_limit_s: float = 180.0,
     progress: Callable[[float], None] = lambda metres: None,
 ) -> GuidedRecord:
-    """Drive once to a place; raises as `guided_trial`. `progress` is called after each tick with the way driven [m]."""
+    """Drive once to a place, or through the next door on a side; raises as `guided_trial`.
+
+    A chair with the paper's sensors is told where the place lies, as it has no map. `progress` is called after each tick with the way
+    driven [m].
+    """
     with guided_trial(setup, progress) as trial:
-        return trial.drive_to(goal, time_limit_s)
+        if isinstance(goal, DoorSide):
+            trial.go_nearer()
+            return trial.drive_through(goal, time_limit_s)
+        by_odometry = setup.sensors is GuidedSensors.PAPER
+        return trial.drive_by_odometry(goal, time_limit_s) if by_odometry else trial.drive_to(goal, time_limit_s)
 
 
 @contextmanager
@@ -157,14 +177,20 @@ def guided_trial(setup: GuidedSetup, progress: Callable[[float], None] = lambda 
     Raises:
         BoardBuildError: a firmware cannot be built: no C compiler.
         WorldError: the chair does not fit at the world's start.
-        ConfigError: there is no such driver.
+        ConfigError: there is no such driver, or no guard by the sensors that the chair has.
+        MissingExtra: this machine cannot render the pictures of the paper's camera.
     """
-    simulator = RecordingSimulator(
-        setup.world, setup.body, setup.simulator or randomised_settings(setup.seed), setup.seed
-    )
+    settings, body, cells = setup.simulator or randomised_settings(setup.seed), setup.body, "default"
+    if setup.sensors is GuidedSensors.PAPER:
+        if setup.level is not HelpLevel.INFORM:
+            raise ConfigError(NO_GUARD)
+        settings, body, cells = paper_sensors(settings), paper_body(body), "paper"
+    simulator = RecordingSimulator(setup.world, body, settings, setup.seed)
+    if setup.sensors is GuidedSensors.PAPER and simulator.camera_problem is not None:
+        raise MissingExtra(simulator.camera_problem)
     as_paper, has_glove = setup.told is RiderTold.PAPER, setup.told in (RiderTold.GUIDED, RiderTold.PAPER)
-    chair_settings = ChairSettings(perceive=setup.finds_doors or as_paper)
-    drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, chair=chair_settings, zones=setup.zones)
+    chair_settings = ChairSettings(perceive=setup.sensors is not GuidedSensors.USUAL or as_paper)
+    drive = DriveSetup(setup.grid, {}, body, DEFAULT, chair=chair_settings, zones=setup.zones, cells=cells)
     heard = setup.track is not None
     profile = HapticsProfile(layout=setup.layout, speech=heard, tones=heard, advice="paper" if as_paper else "guide")
     touch = HapticOptions(profile, driver=setup.driver, words=setup.words, track=setup.track)
@@ -217,6 +243,11 @@ class GuidedTrial:
             return ""
 
         return self._drive(goal, time_limit_s, ask)
+
+    def go_nearer(self) -> GuidedRecord:
+        """Be led straight on a little without the map: a doorway is not found from one place."""
+        on = Place("on", self.simulator.truth() @ Pose2(NEARER), 0.5, math.pi)
+        return self.drive_by_odometry(on, NEARER_S)
 
     def drive_through(self, side: DoorSide, time_limit_s: float) -> GuidedRecord:
         """Be led through the next doorway that the chair sees on a side, without the map."""
@@ -346,6 +377,9 @@ class GuidedTrial:
         caps = UNCAPPED if guard is None else guard.caps
         return simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta, *caps, stick.forward, stick.turn
 
+
+NEARER, NEARER_S = 0.7, 40.0
+"""m that a driver first goes on towards a door that is to be found, and s for it at most."""
 
 _STANDS = 0.02
 """m/s; a slower chair stands."""

@@ -42,6 +42,7 @@ def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
         "goal": record.goal.name,
         "level": setup.level.value,
         "chair": setup.body.chair_id,
+        "sensors": setup.sensors.value,
         "layout": setup.layout,
         "seed": setup.seed,
         "reached": record.reached,

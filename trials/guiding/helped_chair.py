@@ -9,7 +9,7 @@ from typing import TypeAlias
 from waychair.control.safety.guard import GUARDED
 from waychair.runtime.chair import Chair, ChairState
 from waychair.simulation.simulator import Simulator
-from waychair.trials.drive import ARMED_S, READY_S, TICK_NS, advance_tick
+from waychair.trials.drive import ARMED_S, READY_S, TICK_NS, advance_tick, look_round
 from waychair.trials.guiding.live_haptics import HapticParts
 from waychair.types import HelpLevel, SensorMessage
 
@@ -26,9 +26,10 @@ class HelpedChair:
     parts: HapticParts = field(default_factory=HapticParts)
 
     def tick(self) -> Ticked:
-        """Let a tick pass: sensors, software, glove, and a simulated driver's stick."""
+        """Let a tick pass: sensors, software, camera on servos if any, glove, and a simulated driver's stick."""
         messages = advance_tick(self.simulator, self.chair)
         state = self.chair.step(self.simulator.now_ns, messages)
+        look_round(self.simulator, self.chair, state)
         self.parts.beat(self.simulator)
         return messages, state
 

@@ -119,11 +119,11 @@ class SweepMemory:
 
 
 def swept_look(
-    depth: Reading[Depth] | None, granted: SensorCommand | None, memory: SweepMemory, now_ns: int
+    seen_ns: int | None, granted: SensorCommand | None, memory: SweepMemory, now_ns: int
 ) -> tuple[LookRequest, SweepMemory]:
     """Return the way into which the Way finder wants to look, the next one after the line was seen in the present one.
 
-    A way that the camera does not reach is passed over.
+    `seen_ns` is the stamp of the line's latest look, None before the first. A way that the camera does not reach is passed over.
     """
     request = LookRequest(SWEEP[memory.turn])
     mine = granted is not None and granted.client == WAY_FINDER and granted.pan == request.pan
@@ -132,7 +132,7 @@ def swept_look(
     if not granted.settled and not granted.fault:
         return request, SweepMemory(memory.turn)
     since_ns = now_ns if memory.settled_ns is None else memory.settled_ns
-    shown = depth is not None and depth.stamp_ns > since_ns
+    shown = seen_ns is not None and seen_ns > since_ns
     if granted.fault or shown or now_ns - since_ns > _SHOWN_NS:
         turn = (memory.turn + 1) % len(SWEEP)
         return LookRequest(SWEEP[turn]), SweepMemory(turn)

@@ -1,6 +1,7 @@
 """Ways without a map: simulated drivers are led by odometry and the chair's scans out of dead ends, and through the next door.
 
-`BLIND_UNMAPPED_RUNS=8` takes so many dead ends and doors instead of 50 and 100.
+Beside them, chairs that have the paper's sensors alone, without a guard: led by our advice, and by the paper's own signals.
+`BLIND_UNMAPPED_RUNS=8` takes so many dead ends and doors instead of 50 and 100. `BLIND_UNMAPPED_ONLY=paper` takes the paper's chairs alone.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, judged_run
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, judged_run, unled_run
 from evaluation.scenes.tight_places import APPROACHES, WALL, door_scene
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.next_door import DoorSide
@@ -24,12 +26,17 @@ from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.body.footprint import fits
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanWall
 from waychair.simulation.plan.world import World, world_from_plan
-from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, guided_trial
-from waychair.types import Json, OccupancyGrid, Place, Pose2
+from waychair.trials.guiding.guided import GuidedRecord, GuidedSensors, GuidedSetup, RiderTold, guided_trial
+from waychair.types import HelpLevel, Json, OccupancyGrid, Place, Pose2
 
 DEAD_ENDS, DOORS = (int(os.environ.get("BLIND_UNMAPPED_RUNS", count)) for count in ("50", "100"))
 
-OUT_S, DOOR_S, GO_ON_S = 60.0, 180.0, 40.0
+ONLY_PAPER = os.environ.get("BLIND_UNMAPPED_ONLY", "") == "paper"
+
+PAPER_DOORS = min(DOORS, 20)
+"""Doors for the chairs with the paper's sensors: a minute's drive takes a minute, for its pictures."""
+
+OUT_S, DOOR_S = 60.0, 180.0
 """s; limits."""
 
 NO_MAP = OccupancyGrid(np.full((100, 100), -1, np.int8), 0.05)
@@ -44,9 +51,6 @@ DEEP, BROAD = (1.2, 3.0), (0.9, 2.4)
 OUT_OF = 0.9
 """The share of drivers who have to be out in time."""
 
-NEARER = 0.7
-"""m that a driver first goes on, because a doorway is not found from one place."""
-
 
 @dataclass(frozen=True, slots=True)
 class DeadEnd:
@@ -59,12 +63,20 @@ class DeadEnd:
 
 def blind_unmapped(out: Path) -> Json:
     """Drivers who are out of dead ends in time, and through the next door; and contacts."""
+    rows = [] if ONLY_PAPER else _usual_rows()
+    passed = all(row["passed"] for row in rows)
+    for told in (RiderTold.GUIDED, RiderTold.PAPER):
+        runs = over_seeds(f"blind paper door {told.value}", partial(through_door_as_paper, told=told), PAPER_DOORS)
+        rows.append(guided_row("next door, the paper's sensors", told.value, runs))
+    return {"passed": passed, "rows": rows}
+
+
+def _usual_rows() -> list[Json]:
     ends = guided_row("dead end", "without a map", over_seeds("blind dead end", out_of_dead_end, DEAD_ENDS))
     # contacts do not decide here: a chair's rear may touch, slowly, a wall that no sensor has ever seen
     ends["passed"] = ends["reached"] >= OUT_OF * ends["runs"]
     doors = over_seeds("blind next door", through_next_door, DOORS)
-    rows = [ends, guided_row("next door", "without a map", doors, GuidedBars(0.95))]
-    return {"passed": all(row["passed"] for row in rows), "rows": rows}
+    return [ends, guided_row("next door", "without a map", doors, GuidedBars(0.95))]
 
 
 def out_of_dead_end(seed: int) -> GuidedRun:
@@ -101,16 +113,39 @@ def through_next_door(seed: int) -> GuidedRun:
     scene = door_scene(0.9, APPROACHES[seed % len(APPROACHES)], CHAIR_A, seed)
     assert scene.door is not None
     behind = scene.door.x + WALL / 2 + CHAIR_A.rear
-    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=seed, finds_doors=True)
+    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=seed, sensors=GuidedSensors.WITH_DOORWAYS)
 
     def through_s(record: GuidedRecord) -> float | None:
         return record.seconds if record.truth[-1, 0] > behind else None
 
     with guided_trial(setup) as trial:
-        trial.drive_by_odometry(Place("on", scene.world.start @ Pose2(NEARER), 0.5, math.pi), GO_ON_S)
+        trial.go_nearer()
         turned = wrap_angle(trial.simulator.truth().theta)
         side = DoorSide.AHEAD if abs(turned) <= math.pi / 4 else DoorSide.LEFT if turned < 0.0 else DoorSide.RIGHT
         return judged_run(trial, setup, lambda: trial.drive_through(side, DOOR_S), through_s)
+
+
+def through_door_as_paper(seed: int, told: RiderTold = RiderTold.GUIDED) -> GuidedRun:
+    """Let a driver on a chair with the paper's sensors alone through the door, from 0 and 30 degrees in turn.
+
+    `told` by our advice the driver first goes on a little; by the paper's signals they are led to no place, and try until they are
+    through.
+    """
+    scene = door_scene(0.9, APPROACHES[seed % 2], CHAIR_A, seed)
+    assert scene.door is not None
+    behind = scene.door.x + WALL / 2 + CHAIR_A.rear
+    setup = GuidedSetup(
+        scene.world, NO_MAP, CHAIR_A, level=HelpLevel.INFORM, seed=seed, told=told, sensors=GuidedSensors.PAPER
+    )
+    if told is RiderTold.PAPER:
+        return unled_run(setup, lambda pose: pose.x > behind, DOOR_S, wants_door=True)
+
+    def through_s(record: GuidedRecord) -> float | None:
+        return record.seconds if record.truth[-1, 0] > behind else None
+
+    with guided_trial(setup) as trial:
+        trial.go_nearer()
+        return judged_run(trial, setup, lambda: trial.drive_through(DoorSide.AHEAD, DOOR_S), through_s)
 
 
 def _hall(dead_end_line: Sequence[tuple[float, float]], start: Pose2) -> World:

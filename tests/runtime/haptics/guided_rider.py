@@ -21,6 +21,7 @@ from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
+from waychair.runtime.senses.servo_camera_sight import ServoCameraTold
 from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Place, Pose2, Twist
 
 TICK_MS = 50
@@ -69,8 +70,8 @@ class GuidedRider:
         self.glove.close()
         self.sounds.close()
 
-    def run(self, ms: int) -> HapticState:
-        """Let time pass; return the last state."""
+    def run(self, ms: int, camera: ServoCameraTold | None = None) -> HapticState:
+        """Let time pass, with the same news of a camera on servos in each tick; return the last state."""
         for _ in range(ms // TICK_MS):
             now = HapticInputs(
                 self.now_ms * 1_000_000,
@@ -81,6 +82,7 @@ class GuidedRider:
                 self.stick,
                 self.guard,
                 signal=self.signal,
+                camera=camera,
                 odom_from_base=self.odom_from_base,
             )
             self.states.append(self.guide.step(now))

@@ -15,10 +15,12 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.safety.guard import Unscanned
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.grid.costmap import Costmap
+from waychair.planning.seen.laser_sight import LaserSight
 from waychair.runtime.haptics.haptic_guide import BEGUN_ANEW, NO_ODOMETRY, NOT_SEEN
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.seen_ground import SeenGround
-from waychair.types import Place, Pose2, Scan, Twist
+from waychair.runtime.senses.servo_camera_sight import ServoCameraTold
+from waychair.types import PanTiltAngles, Place, Pose2, Scan, Twist
 
 AT = Pose2(10.0, -3.0, math.pi / 2)
 """The chair in odom at the start."""
@@ -75,6 +77,35 @@ def test_nobody_is_led_before_the_first_scan_nor_after_the_last(rider: GuidedRid
     state = rider.run(1500)
     assert (state.withheld, state.symbol) == (NOT_SEEN, "warning")
     assert state.goal == "the door ahead"  # it goes on with the lidar
+
+
+def look(stamp_ns: int) -> ServoCameraTold:
+    """A look straight ahead by the laser's line, at a wall across the way."""
+    aside = np.linspace(-0.8, 0.8, 161)
+    camera, points = Pose2(0.4), np.column_stack([np.full(161, 0.4 + WALL), aside, np.full(161, 0.65)])
+    angles, columns = PanTiltAngles(stamp_ns, 0.0, 0.0, settled=True), 320.0 - 600.0 * aside / WALL
+    sight = LaserSight(angles, camera, points, np.full(161, 0.01), columns, np.full(161, 270.0))
+    return ServoCameraTold(None, "", sight, stamp_ns, AT)
+
+
+def test_a_chair_without_a_lidar_is_led_by_the_lasers_line_round_what_it_shows(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    rider.run(TICK_MS, look(0))
+    state = rider.run(1500)  # the servos turn for a while
+    assert state.withheld == ""
+    assert rider.guide.leader.plan is not None
+    assert len(rider.guide.leader.plan.steps) > 2  # round the wall
+    rider.twist = Twist(0.3, 0.0)
+    state = rider.run(1500)
+    assert (state.withheld, state.symbol) == (NOT_SEEN, "warning")
+
+
+def test_the_line_adds_nothing_to_what_a_lidar_shows(rider: GuidedRider) -> None:
+    rider.guide.lead_by_odometry(BEHIND_THE_DOOR)
+    for _ in range(20):
+        rider.guide.see(scan(rider.now_ms * 1_000_000), None, AT, rider.twist)
+        state = rider.run(TICK_MS, look(rider.now_ms * 1_000_000))
+    assert (state.step, state.withheld) == ("straight 4.0 m", "")
 
 
 def test_a_chair_without_odometry_warns_a_rider_who_drives_on(rider: GuidedRider) -> None:

@@ -343,3 +343,8 @@ def test_the_random_stream_does_not_depend_on_the_scene() -> None:
         first.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NO_CIRCLES).ranges,
         second.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NO_CIRCLES).ranges,
     )
+
+
+def test_a_chair_without_a_lidar_gets_no_scan() -> None:
+    lidar = _lidar(LidarSettings(rate_hz=0.0))
+    assert [lidar.step(_room(), Pose2(5.0, 5.0), (), ms * 1_000_000) for ms in range(300)] == [None] * 300

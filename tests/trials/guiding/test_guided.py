@@ -15,7 +15,7 @@ from evaluation.scenes.tight_places import door_scene, map_of
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.next_door import DoorSide, no_door
 from waychair.control.safety.guard import SPOKEN
-from waychair.trials.guiding.guided import GuidedSetup, guided_drive, guided_trial
+from waychair.trials.guiding.guided import GuidedSensors, GuidedSetup, guided_drive, guided_trial
 from waychair.trials.guiding.guided_report import report, save_report
 from waychair.trials.guiding.sound_track import SoundTrack, heard_figures
 from waychair.types import HelpLevel, Place, Pose2
@@ -25,7 +25,7 @@ from waychair.types import HelpLevel, Place, Pose2
 def test_a_driver_is_led_through_the_next_door_without_a_map() -> None:
     scene = door_scene(0.9, 60.0, CHAIR_A, 6)
     assert scene.door is not None
-    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=6, finds_doors=True)
+    setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=6, sensors=GuidedSensors.WITH_DOORWAYS)
     with guided_trial(setup) as trial:
         found = trial.drive_through(DoorSide.LEFT, 180.0)
         assert found.reason == no_door(DoorSide.LEFT)  # none is found from one place
