@@ -47,6 +47,7 @@ from waychair.trials.live.latest_senses import LatestCells, LatestPicture, with_
 from waychair.trials.live.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live.live_map import LiveMap, plan_folder
 from waychair.trials.live.live_panel import BEFORE_START, panel_figures
+from waychair.trials.live.page_stick import PageStickPort
 from waychair.trials.live.real_time import RealTimeLoop
 from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2, SensorMessage
 
@@ -72,7 +73,7 @@ class _Blueprint:
     stick: Path | None
 
 
-class LiveChair(DrawingPort, GuardPort, HapticPort):
+class LiveChair(DrawingPort, GuardPort, HapticPort, PageStickPort):
     """A `ChairPort` of a chair in a simulated world; a context manager."""
 
     def __init__(
@@ -350,6 +351,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         """See `ChairPort`."""
 
         def done() -> PortAnswer:
+            self._page_stick.end()
             if self._journeys is None:
                 self._chair.stop()
             else:
@@ -367,19 +369,6 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             return PortAnswer(True, "the faults were reset; request the goal again")
 
         return self._request(done)
-
-    def steer(self, forward: float, turn: float) -> PortAnswer:
-        """See `ChairPort`; the answer is based on the last tick."""
-        self._loop.tell(lambda: self._chair.steer(forward, turn, self._simulator.now_ns))
-        view = self._view
-        if view.steered or not view.obstacles:
-            return PortAnswer(True, "")
-        return PortAnswer(False, view.obstacles[0].sentence)
-
-    def release(self) -> PortAnswer:
-        """See `ChairPort`."""
-        self._loop.tell(lambda: self._chair.let_go(self._simulator.now_ns))
-        return PortAnswer(True, "")
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> PortAnswer:
         """See `ChairPort`."""
@@ -474,7 +463,8 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
         parts.tell_of(
             lambda: surroundings(self._map.drawing.places, self._cells.view()), lambda: self._simulator.contacts
         )
-        beats = [parts.beat]
+        has_rider = plan.stick is not None or (plan.haptics is not None and plan.haptics.driver is not None)
+        beats = [parts.beat, self._give_stick(self._chair, self._simulator, has_rider=has_rider).beat]
         if plan.stick is not None:
             beats.append(ends.enter_context(closing(SteersByComputer(plan.stick))).beat)
         self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys, beats)
