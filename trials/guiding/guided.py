@@ -18,7 +18,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.learning import RiderValues, rider_from_values
-from waychair.control.haptics.next_door import DoorSide, door_words
+from waychair.control.haptics.next_door import DoorSide, door_words, no_door
 from waychair.control.haptics.patterns import TouchVocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.rider import RiderModel
@@ -162,8 +162,7 @@ def guided_drive(
     """
     with guided_trial(setup, progress) as trial:
         if isinstance(goal, DoorSide):
-            trial.go_nearer()
-            return trial.drive_through(goal, time_limit_s)
+            return trial.find_and_drive_through(goal, time_limit_s)
         by_odometry = setup.sensors is GuidedSensors.PAPER
         return trial.drive_by_odometry(goal, time_limit_s) if by_odometry else trial.drive_to(goal, time_limit_s)
 
@@ -256,6 +255,15 @@ class GuidedTrial:
         if goal is None:
             return self._drive(Place(door_words(side), self.simulator.truth()), time_limit_s, lambda: told)
         return self._drive(replace(goal, pose=self._map_from_odom() @ goal.pose), time_limit_s, lambda: "")
+
+    def find_and_drive_through(self, side: DoorSide, time_limit_s: float) -> GuidedRecord:
+        """Go on a little, and be led through the next doorway on a side; where none is seen yet, go on again, a few times."""
+        for _ in range(NEARER_TIMES):
+            self.go_nearer()
+            record = self.drive_through(side, time_limit_s)
+            if record.reason != no_door(side):
+                break
+        return record
 
     def drive_unled(self, time_limit_s: float, there: Callable[[Pose2], bool]) -> GuidedRecord:
         """Let a driver whom nobody leads to a place try, until the chair truly is `there`."""
@@ -378,8 +386,8 @@ class GuidedTrial:
         return simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta, *caps, stick.forward, stick.turn
 
 
-NEARER, NEARER_S = 0.7, 40.0
-"""m that a driver first goes on towards a door that is to be found, and s for it at most."""
+NEARER, NEARER_S, NEARER_TIMES = 0.7, 40.0, 3
+"""m that a driver first goes on towards a door that is to be found, s for it at most, and how often."""
 
 _STANDS = 0.02
 """m/s; a slower chair stands."""

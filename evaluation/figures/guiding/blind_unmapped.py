@@ -144,8 +144,7 @@ def through_door_as_paper(seed: int, told: RiderTold = RiderTold.GUIDED) -> Guid
         return record.seconds if record.truth[-1, 0] > behind else None
 
     with guided_trial(setup) as trial:
-        trial.go_nearer()
-        return judged_run(trial, setup, lambda: trial.drive_through(DoorSide.AHEAD, DOOR_S), through_s)
+        return judged_run(trial, setup, lambda: trial.find_and_drive_through(DoorSide.AHEAD, DOOR_S), through_s)
 
 
 def _hall(dead_end_line: Sequence[tuple[float, float]], start: Pose2) -> World:
