@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from waychair.types import IntArray
 
-SHIFT = 7
+SHIFT = 5
 SIDE = 1 << SHIFT
-"""Cells on a side of a tile; cell c lies in tile c >> SHIFT."""
+"""Cells on a side of a tile; cell c lies in tile c >> SHIFT. Corridors fill half of the cells of tiles of this size, and a
+quarter of those four times as long."""
 
-_SPARE = 16  # tiles by which the table grows beyond what is needed, on each side
+_SPARE = 64  # tiles by which the table grows beyond what is needed, on each side
 
 Evidence = NDArray[np.int32]
 
@@ -52,10 +53,14 @@ class EvidenceTiles:
     def reserve(self, low: IntArray, high: IntArray) -> None:
         """Make room in the pool for all tiles of boxes from cells `low` (N, 2) up to `high` (N, 2), counted from the table's
         first cell."""
-        wanted = np.zeros(self.table.shape, np.bool_)
-        for (left, down), (right, up) in zip((low // SIDE).tolist(), (high // SIDE).tolist(), strict=True):
-            wanted[down : up + 1, left : right + 1] = True
-        needed = int(self.used[0]) + 1 + int((wanted & (self.table == 0)).sum())
+        low, high = low // SIDE, high // SIDE
+        origin = low.min(axis=0)
+        across, down = origin.tolist()
+        table = self.table[down : int(high[:, 1].max()) + 1, across : int(high[:, 0].max()) + 1]
+        wanted = np.zeros(table.shape, np.bool_)
+        for (left, bottom), (right, top) in zip((low - origin).tolist(), (high - origin).tolist(), strict=True):
+            wanted[bottom : top + 1, left : right + 1] = True
+        needed = int(self.used[0]) + 1 + int((wanted & (table == 0)).sum())
         if needed > len(self.pool):
             pool = np.zeros((max(needed, len(self.pool) * 3 // 2), SIDE, SIDE), np.int32)
             pool[: self.used[0] + 1] = self.pool[: self.used[0] + 1]
@@ -82,21 +87,12 @@ class EvidenceTiles:
         rows, cols = np.nonzero(self.table)
         if not len(rows):
             return np.zeros(2, np.int64), np.zeros(2, np.int64)
-        known = self.pool[self.table[rows, cols]] != 0
+        numbers, pool = self.table[rows, cols], self.pool[: self.used[0] + 1]
         each = np.arange(SIDE)
         spans = []
         for tiles, axis in ((cols, 1), (rows, 2)):
-            some = known.any(axis=axis)
+            some = np.logical_or.reduce(pool, axis=axis)[numbers]
             at = (tiles[:, None] * SIDE + each)[some]
             spans.append((int(at.min()), int(at.max()) + 1) if len(at) else (0, 0))
         low, high = np.array(spans, np.int64).T
         return self.low + low, self.low + high
-
-
-def part_inside(first: IntArray, low: IntArray, high: IntArray) -> tuple[slice, slice, slice, slice]:
-    """Return rows and columns of the tile that begins at cell `first` (2,), as far as it lies in the box from `low` (2,) to before
-    `high` (2,), and the same rows and columns counted from `low`."""
-    begin, end = np.maximum(first, low), np.maximum(np.minimum(first + SIDE, high), np.maximum(first, low))
-    (left, down), (right, up) = (begin - first).tolist(), (end - first).tolist()
-    (to_left, to_down), (to_right, to_up) = (begin - low).tolist(), (end - low).tolist()
-    return slice(down, up), slice(left, right), slice(to_down, to_up), slice(to_left, to_right)

@@ -21,7 +21,7 @@ from waychair.config import Settings, setting
 from waychair.errors import GridTooLarge, MapError
 from waychair.geometry import wrap_angles
 from waychair.maps.grid.cells import MOST_CELLS, OCCUPIED_FROM
-from waychair.maps.grid.evidence_tiles import SHIFT, SIDE, Evidence, EvidenceTiles, part_inside
+from waychair.maps.grid.evidence_tiles import SHIFT, SIDE, Evidence, EvidenceTiles
 from waychair.types import (
     UNKNOWN,
     BoolArray,
@@ -99,9 +99,8 @@ class EvidenceGrid:
         """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
         low, high = self._box
         result = np.zeros((high - low)[::-1], np.bool_)
-        for first, evidence in self._tiles.tiles():
-            rows, cols, to_rows, to_cols = part_inside(first, low, high)
-            result[to_rows, to_cols] = evidence[rows, cols] >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
+        occupied = np.arange(self._least, self._most + 1) >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
+        self._write_values(result.view(np.int8), low, occupied.view(np.int8))
         return result
 
     def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
@@ -177,9 +176,7 @@ class EvidenceGrid:
         low, high = self._tiles.extent()
         low, high = low - MARGIN, high + MARGIN
         cells = np.full((high - low)[::-1], UNKNOWN, np.int8)
-        for first, evidence in self._tiles.tiles():
-            rows, cols, to_rows, to_cols = part_inside(first, low, high)
-            _read(cells[to_rows, to_cols], evidence[rows, cols], self._percent, self._least)
+        self._write_values(cells, low, self._percent)
         x, y = (low * resolution).tolist()
         return OccupancyGrid(cells, resolution, Pose2(x, y, 0.0))
 
@@ -196,7 +193,6 @@ class EvidenceGrid:
                 continue
             result._include_cells(part._box[0], part._box[1])
             for first, own in part._tiles.tiles():
-                result._tiles.hold(first, first + SIDE)
                 under = result._tiles.tile(first)
                 total = (np.clip(under, self._least, self._most) if limited else under) + own
                 total[total == 0] = -1  # opposite evidence that cancels out is still known
@@ -219,6 +215,11 @@ class EvidenceGrid:
         _draw(
             tiles.table, tiles.pool, tiles.used, origins, end_cells, kinds, first_beam, hit, miss, *self._limits
         )  # fmt: skip
+
+    def _write_values(self, cells: Cells, low: IntArray, values: Cells) -> None:
+        """Write `values` for the limited evidence of all tiles into cells (H, W), whose first is `low` (2,)."""
+        tiles = self._tiles
+        _read(cells, tiles.table, tiles.pool, tiles.low - low, values, self._least)
 
     def _cells(self, points: FloatArray) -> IntArray:
         """Return column and row (N, 2) of points (N, 2) [m], from the first cell of the tiles on."""
@@ -428,12 +429,21 @@ def _draw(
 
 
 @njit(cache=True, nogil=True)
-def _read(cells: Cells, evidence: Evidence, percent: Cells, least: int) -> None:
-    """Look up each cell's percent, with its evidence clipped to the limits."""
-    most = least + len(percent) - 1
-    for row in range(len(cells)):
-        for col in range(cells.shape[1]):
-            cells[row, col] = percent[min(max(evidence[row, col], least), most) - least]
+def _read(cells: Cells, table: Evidence, pool: Evidence, table_low: IntArray, values: Cells, least: int) -> None:
+    """Look up the value of each cell of the tiles in use, with its evidence clipped to the limits.
+
+    `table_low` (2,) is the first cell of the table, column and row, counted from the first of `cells`.
+    """
+    most = least + len(values) - 1
+    for down in range(len(table)):
+        for across in range(table.shape[1]):
+            number = table[down, across]
+            if number == 0:
+                continue
+            row, col = table_low[1] + (down << SHIFT), table_low[0] + (across << SHIFT)
+            for r in range(max(0, -row), min(SIDE, len(cells) - row)):
+                for c in range(max(0, -col), min(SIDE, cells.shape[1] - col)):
+                    cells[row + r, col + c] = values[min(max(pool[number, r, c], least), most) - least]
 
 
 def _percent(least: int, most: int) -> Cells:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from waychair.maps.grid.evidence_tiles import SIDE, EvidenceTiles, part_inside
+from waychair.maps.grid.evidence_tiles import SIDE, EvidenceTiles
 
 
 def test_tiles_hold_the_evidence_of_cells_while_the_table_grows_to_all_sides() -> None:
@@ -40,12 +40,3 @@ def test_the_extent_of_nothing_is_empty() -> None:
     tiles = EvidenceTiles()
     low, high = tiles.extent()
     assert low.tolist() == high.tolist()
-
-
-def test_the_part_of_a_tile_in_a_box_has_the_same_cells_on_both_sides() -> None:
-    first, low, high = np.array([SIDE, 0]), np.array([SIDE + 5, -7]), np.array([SIDE + 9, 11])
-    rows, cols, to_rows, to_cols = part_inside(first, low, high)
-    assert (rows, cols) == (slice(0, 11), slice(5, 9))
-    assert (to_rows, to_cols) == (slice(7, 18), slice(0, 4))
-    outside = part_inside(np.array([5 * SIDE, 0]), low, high)
-    assert outside[1].start == outside[1].stop
