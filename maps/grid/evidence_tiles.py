@@ -11,8 +11,8 @@ from waychair.types import IntArray
 
 SHIFT = 5
 SIDE = 1 << SHIFT
-"""Cells on a side of a tile; cell c lies in tile c >> SHIFT. Corridors fill half of the cells of tiles of this size, and a
-quarter of those four times as long."""
+"""Cells on a side of a tile; cell c lies in tile c >> SHIFT. A map of long corridors takes half the memory that it took in
+tiles four times as long."""
 
 _SPARE = 64  # tiles by which the table grows beyond what is needed, on each side
 

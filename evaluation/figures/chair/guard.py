@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.firmware_bridge.glove.rig import SOURCES as GLOVE_SOURCES
 from tests.firmware_bridge.glove.rig import build_glove_core
 from tests.firmware_bridge.guard_proof import build_proof, prove
 from tests.firmware_bridge.mutation import CHAIR, GLOVE, Target, explained, mutants, run
-from tests.firmware_bridge.rig import SOURCES, build_core
+from tests.firmware_bridge.rig import build_core
 from tests.firmware_bridge.sanitised import check_every_line
 
 from waychair.firmware_bridge.board import board_program
@@ -37,7 +36,13 @@ def guard_proof(out: Path) -> Json:
         swept, fuzzed = prove(program, "sweep", STEP_MV), prove(program, "fuzz", FUZZED_STEPS, 0)
     killed = kill_guard(board_program(), MOMENTS)
     boards = {"chair": _mutated(CHAIR, MUTATED), "glove": _mutated(GLOVE, GLOVE.mutated)}
-    every_line = {"chair": _runs_every_line(CHAIR), "glove": _runs_every_line(GLOVE)}
+    glove_sources = [
+        source for source in GLOVE.sources if source.startswith("glove/")
+    ]  # the others are the chair's, too
+    every_line = {
+        "chair": _runs_every_line("tests.firmware_bridge.cases", build_core, CHAIR.sources),
+        "glove": _runs_every_line("tests.firmware_bridge.glove.cases", build_glove_core, glove_sources),
+    }
     return {
         "passed": swept.exceptions == fuzzed.exceptions == 0
         and swept.passed_through > 0
@@ -75,15 +80,11 @@ def _mutated(target: Target, files: Sequence[str]) -> Json:
     }
 
 
-def _runs_every_line(target: Target) -> bool:
-    """Return whether the cases run every line of a board's portable C, under sanitizers that find nothing."""
+def _runs_every_line(cases: str, build: Callable[[Path, tuple[str, ...]], Path], sources: Sequence[str]) -> bool:
+    """Return whether a module's cases run every line of a board's portable C, under sanitizers that find nothing."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            if target is GLOVE:
-                own = [source for source in GLOVE_SOURCES if source.startswith("glove/")]
-                check_every_line("tests.firmware_bridge.glove.cases", Path(folder), build_glove_core, own)
-            else:
-                check_every_line("tests.firmware_bridge.cases", Path(folder), build_core, SOURCES)
+            check_every_line(cases, Path(folder), build, sources)
         except AssertionError:
             return False
     return True

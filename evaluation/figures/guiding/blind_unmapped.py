@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -18,7 +18,7 @@ import numpy as np
 
 from evaluation.runs.kept_runs import over_seeds
 from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, judged_run, unled_run
-from evaluation.scenes.tight_places import APPROACHES, WALL, door_scene
+from evaluation.scenes.tight_places import APPROACHES, WALL, TightScene, door_scene
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.haptics.next_door import DoorSide
 from waychair.geometry import wrap_angle
@@ -111,18 +111,14 @@ def dead_end(seed: int) -> DeadEnd:
 def through_next_door(seed: int) -> GuidedRun:
     """Let a driver go on a little, and lead them through the next door; the whole chair has to come to a stop behind it."""
     scene = door_scene(0.9, APPROACHES[seed % len(APPROACHES)], CHAIR_A, seed)
-    assert scene.door is not None
-    behind = scene.door.x + WALL / 2 + CHAIR_A.rear
+    behind = _behind_door(scene)
     setup = GuidedSetup(scene.world, NO_MAP, CHAIR_A, seed=seed, sensors=GuidedSensors.WITH_DOORWAYS)
-
-    def through_s(record: GuidedRecord) -> float | None:
-        return record.seconds if record.truth[-1, 0] > behind else None
 
     with guided_trial(setup) as trial:
         trial.go_nearer()
         turned = wrap_angle(trial.simulator.truth().theta)
         side = DoorSide.AHEAD if abs(turned) <= math.pi / 4 else DoorSide.LEFT if turned < 0.0 else DoorSide.RIGHT
-        return judged_run(trial, setup, lambda: trial.drive_through(side, DOOR_S), through_s)
+        return judged_run(trial, setup, lambda: trial.drive_through(side, DOOR_S), _through_s(behind))
 
 
 def through_door_as_paper(seed: int, told: RiderTold = RiderTold.GUIDED) -> GuidedRun:
@@ -132,19 +128,27 @@ def through_door_as_paper(seed: int, told: RiderTold = RiderTold.GUIDED) -> Guid
     through.
     """
     scene = door_scene(0.9, APPROACHES[seed % 2], CHAIR_A, seed)
-    assert scene.door is not None
-    behind = scene.door.x + WALL / 2 + CHAIR_A.rear
+    behind = _behind_door(scene)
     setup = GuidedSetup(
         scene.world, NO_MAP, CHAIR_A, level=HelpLevel.INFORM, seed=seed, told=told, sensors=GuidedSensors.PAPER
     )
     if told is RiderTold.PAPER:
         return unled_run(setup, lambda pose: pose.x > behind, DOOR_S, wants_door=True)
 
-    def through_s(record: GuidedRecord) -> float | None:
-        return record.seconds if record.truth[-1, 0] > behind else None
-
     with guided_trial(setup) as trial:
-        return judged_run(trial, setup, lambda: trial.find_and_drive_through(DoorSide.AHEAD, DOOR_S), through_s)
+        drive = partial(trial.find_and_drive_through, DoorSide.AHEAD, DOOR_S)
+        return judged_run(trial, setup, drive, _through_s(behind))
+
+
+def _behind_door(scene: TightScene) -> float:
+    """Return the x [m] beyond which the whole chair is through the door."""
+    assert scene.door is not None
+    return scene.door.x + WALL / 2 + CHAIR_A.rear
+
+
+def _through_s(behind: float) -> Callable[[GuidedRecord], float | None]:
+    """Return a function that tells how long [s] a driver took who ended beyond x = `behind` [m], None if it is not reached."""
+    return lambda record: record.seconds if record.truth[-1, 0] > behind else None
 
 
 def _hall(dead_end_line: Sequence[tuple[float, float]], start: Pose2) -> World:
