@@ -8,7 +8,8 @@ join the parts.
 
 A scan that fits well where the odometry says that the chair is not claims a slip of the odometry. A room that looks alike
 claims the same. So the next key scans are compared with those before: if they contradict each other, the chair was
-carried, and the map is torn at the slip.
+carried, and the map is torn at the slip. They judge a match in the same way where its scan contradicts those before less
+than a tear needs: together they show a carry that no scan shows by itself.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must b
 _POOR_SLIP_CONTRADICTED = 0.03
 _SLIP_SHARE = 0.5  # of the contradiction at the odometry's pose is left where it slipped
 _AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
+_LEAST_SHARED_EACH = 40  # the same for each pair of a key scan before a slip and one after it, in the mean
 _LEAST_SHARED = 60  # surface points that must be shared with all scans before; fewer prove nothing
 _AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove, and from which it was carried
 # Of 50 carries the least share near the odometry's pose was 0.29; where real drives were doubted, it was 0.12 to 0.24.
@@ -54,6 +56,7 @@ _NEAR_ODOMETRY, _TURNED_ODOMETRY = 0.15, 0.06  # m, rad; a match this near to th
 _SLIP_CARRIED = (
     0.15  # share of contradiction over a slip from which the chair was carried; real slips show 0.07 or less
 )
+_FIRST_DOUBTED, _LAST_DOUBTED = 6, 10  # key scans since a match in doubt that judge it
 SLIP_CLAIMED = 0.25  # m; a match farther than this from the odometry's pose claims a slip
 _SOON = 3  # key scans after a tear within which the chair may be back on known ground
 _SURE_RESPONSE = 0.75  # response and share of inliers of a scan that is
@@ -65,6 +68,9 @@ _QUERY_CELL = 0.1  # m
 _NEAR_AWAY, _NEAR_TURNED = 0.3, 0.1  # m, rad
 _DRIFT, _TURN_DRIFT = 0.01, 0.001  # m/m, rad/m
 _MOST_AWAY, _MOST_TURNED, _LONGEST_WAY = 1.5, 0.35, 500.0  # m, rad, m
+SUSPICIOUS = 0.5
+"""Doubt from which the next key scans judge a match. At one place 11 of 21 carries showed 0.5 to 0.95 only."""
+
 JUDGED_AT = (3, 6, 10, 15, 20)
 """Numbers of key scans since a tear at which it is judged."""
 
@@ -84,8 +90,9 @@ class Verdict(enum.Enum):
 class OpenTear:
     """A tear that is not yet judged: its edge, the key scans before it, and the information (3, 3) of the odometry.
 
-    Over a slip of the odometry, the edge is that of the match, and `odometry` is the motion that it contradicts. `earlier` is
-    the tear before it, if the few key scans between the two have confirmed that one only: they may be the faulty ones.
+    Over a slip of the odometry, the edge is that of the match, and `odometry` is the motion that it contradicts; `beyond`
+    holds the poses of the frames before the edge's key scan, relative to it, that lie beyond the slip. `earlier` is the tear
+    before it, if the few key scans between the two have confirmed that one only: they may be the faulty ones.
     """
 
     edge: Edge
@@ -93,11 +100,18 @@ class OpenTear:
     by_odometry: FloatArray
     odometry: Pose2 | None = None
     earlier: OpenTear | None = None
+    beyond: tuple[Pose2, ...] = ()
 
     @property
     def chain(self) -> tuple[OpenTear, ...]:
         """The tear and those before it that only the key scans between have confirmed, latest first."""
         return (self, *(() if self.earlier is None else self.earlier.chain))
+
+    @property
+    def claims_slip(self) -> bool:
+        """Whether the odometry and the match over a slip differ."""
+        gap = Pose2() if self.odometry is None else self.odometry.inverse() @ self.edge.i_from_j
+        return math.hypot(gap.x, gap.y) > SLIP_CLAIMED
 
     @property
     def over_odometry(self) -> Edge:
@@ -112,29 +126,29 @@ class CarryJudge:
         """`reach` [m]: half side of the reference round the tear."""
         self._matching, self._reach, self._mount = matching, reach, base_from_laser
 
-    def is_doubted(
+    def doubt(
         self, keys: KeyGraph, recent: Sequence[int], scan: ScanPoints, found: Match, guess: Pose2, again: bool
-    ) -> bool:
-        """Return whether a scan contradicts the latest key scans, both at its match and at the odometry's guess.
+    ) -> float:
+        """Return how far a scan contradicts the latest key scans, both at its match and at the odometry's guess.
 
-        The better the match, the more contradiction is needed; less where the odometry would have to have slipped, and
-        `again`, after another doubted scan.
+        Above 1, as a share of the contradiction that is allowed, the scan is doubted. The better the match, the more is
+        allowed; less where the odometry would have to have slipped, and `again`, after another doubted scan.
         """
         earlier = self.views(keys, recent[-_BEFORE:])
         view = view_of(scan, self._mount)
         at = [agreement(earlier, [(view, pose @ self._mount)]) for pose in (found.pose, guess)]
         least = min(at, key=lambda each: each.contradiction)
         if least.shared < _LEAST_SHARED:
-            return False
+            return 0.0
         fits = found.response >= _POOR_RESPONSE
         limit = _SURELY_CONTRADICTED if fits else _CONTRADICTED
         slip, slip_limit = (_SLIP, _SLIP_CONTRADICTED) if fits else (SLIP_CLAIMED, _POOR_SLIP_CONTRADICTED)
         if at[1].contradiction > limit and math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > slip:
             limit = slip_limit
-        factor = _AGAIN if again else 1.0
-        if least.contradiction <= factor * limit:
-            return False
-        return least.contradiction - self._usual(keys, recent) > factor * limit
+        limit *= _AGAIN if again else 1.0
+        if least.contradiction <= SUSPICIOUS * limit:
+            return least.contradiction / limit
+        return (least.contradiction - self._usual(keys, recent)) / limit
 
     def _usual(self, keys: KeyGraph, nodes: Sequence[int]) -> float:
         """Return the contradiction that is usual here beyond that of buildings, by the latest of some key scans."""
@@ -212,7 +226,7 @@ class CarryJudge:
             return Verdict.OPEN, None
         last = is_final or len(since) >= JUDGED_AT[-1]
         if tear.odometry is not None:
-            return self._slip_judged(keys, tear, since, last), None
+            return self._slip_judged(keys, tear, since, is_final), None
         node, base = tear.edge.j, keys.pose(tear.edge.j)
         query = keys.joined_points(since, base, _QUERY_CELL)
         reference = keys.reference(
@@ -255,13 +269,19 @@ class CarryJudge:
         way = Edge(i, j, keys.pose(i).inverse() @ keys.pose(j), earlier.by_odometry, EdgeKind.UNKNOWN)
         return self.judged(keys, OpenTear(way, earlier.before, earlier.by_odometry), since, is_final, _LEAST_SHARED)
 
-    def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int], last: bool) -> Verdict:
-        """Return whether the key scans since a slip contradict those before it."""
-        seen = self._laid(keys, self.views(keys, slip.before[-_BEFORE:]), since, Pose2())
-        usual = max(self._usual(keys, slip.before), self._usual(keys, since))
-        if seen.shared >= _LEAST_SHARED and seen.contradiction - usual > _SLIP_CARRIED:
+    def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int], is_final: bool) -> Verdict:
+        """Return whether the key scans since a slip, or since a match in doubt, contradict those before it.
+
+        Where the odometry agrees with the match in doubt, more of them are needed, and a carry shows within `_LAST_DOUBTED`.
+        """
+        first, last = (1, JUDGED_AT[-1]) if slip.claims_slip else (_FIRST_DOUBTED, _LAST_DOUBTED)
+        before = slip.before[-_BEFORE:]
+        seen = self._laid(keys, self.views(keys, before), since, Pose2())
+        usual = self._usual(keys, slip.before) + self._usual(keys, since)
+        enough = len(since) >= first and seen.shared >= _LEAST_SHARED_EACH * len(before) * len(since)
+        if enough and seen.contradiction - usual > _SLIP_CARRIED:
             return Verdict.CARRIED
-        return Verdict.DROVE if last else Verdict.OPEN
+        return Verdict.DROVE if is_final or len(since) >= last else Verdict.OPEN
 
     def _laid(
         self, keys: KeyGraph, earlier: Sequence[tuple[View, Pose2]], nodes: Sequence[int], moved: Pose2

@@ -59,6 +59,7 @@ _LONGEST_REST = 3  # times the length of a round of submaps: where the chair is 
 _LOOKUPS = 5_000_000  # points that one piece of a search by partial overlap looks up in a grid, 10 ms
 _SUBMAP_LOOKUPS = 6_000_000  # points that one piece of a search of a submap looks up, 12 ms
 _TORN_PIECES = 3  # are done with each key scan while parts of the map are apart
+_FARTHEST_EXPECTED = 2 * MAX_WINDOW  # m; a find that moves the chair farther needs a second one
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -368,9 +369,12 @@ class LoopCloser:
         ]
 
     def _is_expected(self, keys: KeyGraph, find: Edge) -> bool:
-        """Return whether a find in the chair's own part of the map moves it no farther than a search near the chair might."""
+        """Return whether a find in the chair's own part of the map moves it no farther than the odometry may have drifted."""
         gap = keys.pose(find.j).inverse() @ _find_of(keys, find).pose
-        near = math.hypot(gap.x, gap.y) <= MAX_WINDOW and abs(gap.theta) <= MAX_ANGLE
+        drift = self._settings.drift * float(graph_distances(keys.poses, keys.edge_arrays, find.j)[find.i])
+        near = (
+            math.hypot(gap.x, gap.y) <= min(max(MAX_WINDOW, drift), _FARTHEST_EXPECTED) and abs(gap.theta) <= MAX_ANGLE
+        )
         part = keys.parts()
         return near and bool(part[find.i] == part[find.j])
 

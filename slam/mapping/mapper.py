@@ -22,13 +22,13 @@ from waychair.slam.graph.information import (
     unknown_information,
 )
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
-from waychair.slam.mapping.carried import SLIP_CLAIMED, CarryJudge, OpenTear, agrees_with_odometry
+from waychair.slam.mapping.carried import SLIP_CLAIMED, SUSPICIOUS, CarryJudge, OpenTear, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_candidates import MIN_LOOP_PATH, LoopSettings
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
-from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, first_beyond, odometry_of, twist_of
+from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, frames_beyond, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
@@ -327,16 +327,17 @@ class Mapper:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             again = self._state.doubted > 0
             doubtful = slipped or again or found.response < _GOOD_RESPONSE
-            doubted = doubtful and self._tears.can_be_doubted(self._recent_keys)
-            if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
+            doubt = self._judge.doubt(self.keys, self._recent_keys, scan, found, guess, again) if doubtful else 0.0
+            if doubt > 1.0 and self._tears.can_be_doubted(self._recent_keys):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
             if found.inliers < _MIN_INLIERS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
             information = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             edge = Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
-            if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > SLIP_CLAIMED:
-                self._state.slip = OpenTear(edge, tuple(self._recent_keys), by_odometry, here_from_base)
+            if doubt > SUSPICIOUS or math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > SLIP_CLAIMED:
+                beyond = frames_beyond(self._state.since_match, self._state.doubted)
+                self._state.slip = OpenTear(edge, tuple(self._recent_keys), by_odometry, here_from_base, beyond=beyond)
             return edge
 
     def _is_first_doubt(self, edge: Edge | None) -> bool:
@@ -383,19 +384,15 @@ class Mapper:
             step = self._state.last_match.inverse() @ self._state.by_odometry
             known = odometry_information(step) / (1.0 if self._state.odometry is not None else _GUESS_DOUBT)
             self._follow(self._tears.begin_part(self.keys, self._recent_keys, torn, known))
-            self._attach_beyond(node)
+            self._attach_before(len(self.frames), node, frames_beyond(self._state.since_match, self._state.doubted))
         self._recent_keys = []
         self._closer.begin_part()
         self._state.unmatched = 0
 
-    def _attach_beyond(self, node: int) -> None:
-        """Attach the frames since the last full match that lie beyond a tear to the key scan after it, by odometry."""
-        tracked = self._state.since_match
-        here_from_key = tracked[-1].by_odometry.inverse()
-        first = first_beyond(tracked, max(len(tracked) - self._state.doubted, 1))
-        for k in range(first + 1 - len(tracked), 0):  # the last one tracked is that of the key scan, not attached yet
-            moved = here_from_key @ tracked[k - 1].by_odometry
-            self.frames[k] = AttachedFrame(self.frames[k].stamp_ns, node, moved)
+    def _attach_before(self, frame: int, key: int, key_from_base: Sequence[Pose2]) -> None:
+        """Attach the frames before this one to a key scan, at these poses."""
+        for k, pose in enumerate(key_from_base, frame - len(key_from_base)):
+            self.frames[k] = AttachedFrame(self.frames[k].stamp_ns, key, pose)
 
     def _judge_tears(self) -> bool:
         """Judge open tears and slips by the scans since then; return whether that took long."""
@@ -409,7 +406,8 @@ class Mapper:
         self.counts["tears_undone"] += ruling.undone
         if ruling.recent != self._recent_keys:
             self._recent_keys, self._reference = ruling.recent, None
-        if ruling.parted:
+        for slip in ruling.parted:
+            self._attach_before(self.key_frames[slip.edge.j], slip.edge.j, slip.beyond)
             self._closer.begin_part()
 
     def _set_current_key(self, key: int, key_from_base: Pose2) -> None:
@@ -428,10 +426,13 @@ class Mapper:
     def _distribute_correction(self, here_from_base: Pose2) -> None:
         """Distribute the correction of a match over the frames before it that only odometry has placed."""
         unmatched, self._state.unmatched = self._state.unmatched, 0
-        if unmatched < 2:
-            return
         reached = self.frames[-1].key_from_base @ self._state.motion
         gap = reached.inverse() @ here_from_base
+        if unmatched < 2:
+            if (slip := self._state.slip) is not None and math.hypot(gap.x, gap.y) > SLIP_CLAIMED:
+                beyond = [here_from_base @ pose for pose in slip.beyond]
+                self._attach_before(len(self.frames), self._current_key, beyond)
+            return
         for k in range(1, unmatched):
             frame = self.frames[k - unmatched]
             moved = frame.key_from_base @ interpolate(Pose2(), gap, k / unmatched)

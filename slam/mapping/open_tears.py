@@ -9,7 +9,7 @@ second tear agree with those before the first.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.mapping.carried import JUDGED_AT, CarryJudge, OpenTear, Verdict
@@ -23,15 +23,15 @@ RECENT_KEYS = 40
 
 @dataclass(slots=True)
 class Ruling:
-    """What judgements have changed: the latest key scans in driving order, the number of tears that are undone, and whether
-    a new part of the map has begun at a slip.
+    """What judgements have changed: the latest key scans in driving order, the number of tears that are undone, and the slips
+    at which new parts of the map have begun.
 
-    `took_long`: whether scans were compared for it.
+    `took_long`: whether a tear was judged, for which scans are matched.
     """
 
     recent: list[int]
     undone: int = 0
-    parted: bool = False
+    parted: list[OpenTear] = field(default_factory=list)
     took_long: bool = False
 
 
@@ -95,13 +95,14 @@ class OpenTears:
         return ruling
 
     def _judge_all(self, keys: KeyGraph, ruling: Ruling, is_final: bool) -> None:
-        for tear in list(self._open):
-            if any(tear is other for other in self._open):
+        for edge in [tear.edge for tear in self._open]:
+            tear = next((other for other in self._open if other.edge is edge), None)
+            if tear is not None:  # judging another may have decided it
                 self._judge_one(keys, tear, ruling, is_final)
 
     def _judge_one(self, keys: KeyGraph, tear: OpenTear, ruling: Ruling, is_final: bool) -> None:
         since = [node for node in ruling.recent if node >= tear.edge.j]
-        ruling.took_long |= len(since) in JUDGED_AT
+        ruling.took_long |= tear.odometry is None and len(since) in JUDGED_AT
         verdict, edge = self._judge.judged(keys, tear, since, is_final)
         first, others = tear, iter(tear.chain[1:])
         while edge is None and (other := next(others, None)) is not None:
@@ -119,7 +120,9 @@ class OpenTears:
             earlier = Ruling([node for node in ruling.recent if node < tear.edge.j])
             for other in [other for other in self._open if other.edge.j < tear.edge.j]:
                 self._judge_one(keys, other, earlier, is_final=True)
-            ruling.recent, ruling.parted, ruling.undone = since, True, ruling.undone + earlier.undone
+            self._open = [_begun_at(other, tear.edge.j) for other in self._open]
+            ruling.recent, ruling.undone = since, ruling.undone + earlier.undone
+            ruling.parted.append(tear)
 
     def _undo(self, keys: KeyGraph, tear: OpenTear, first: OpenTear, ruling: Ruling, edge: Edge | None = None) -> None:
         """Undo the tears of a chain back to the `first`: by an edge of known motion from there to the key scan after the
@@ -141,6 +144,11 @@ def _back_to(tear: OpenTear, first: OpenTear) -> list[OpenTear]:
     """Return the tears of a chain from the latest back to the first."""
     chain = tear.chain
     return list(chain[: 1 + next(k for k, each in enumerate(chain) if each is first)])
+
+
+def _begun_at(tear: OpenTear, node: int) -> OpenTear:
+    """Return a tear, of which the key scans before it are those of its part of the map, which begins at a key scan."""
+    return replace(tear, before=tuple(k for k in tear.before if k >= node)) if tear.edge.j > node else tear
 
 
 def _unchained(tear: OpenTear, edge: Edge) -> OpenTear:

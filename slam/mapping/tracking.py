@@ -39,16 +39,18 @@ class TrackingState:
     since_match: deque[TrackedFrame] = field(default_factory=lambda: deque(maxlen=_TRACKED_FRAMES))
 
 
-def first_beyond(frames: Sequence[TrackedFrame], latest: int) -> int:
-    """Return the index, from 1 to `latest`, of the first frame beyond a tear: where the share of inliers drops most.
+def frames_beyond(frames: Sequence[TrackedFrame], doubted: int) -> tuple[Pose2, ...]:
+    """Return the poses, relative to the latest frame by odometry, of those before it that lie beyond a tear or slip, too.
 
-    The frames before and after it differ most if they are split there: the split of least variance within both.
+    The latest `doubted` scans show it. It lies where the share of inliers drops most: the frames before and after it differ
+    most if they are split there, which is the split of least variance within both.
     """
-    inliers = np.array([frame.inliers for frame in frames])
+    inliers, last = np.array([frame.inliers for frame in frames]), max(len(frames) - max(doubted, 1), 1)
     within = [
-        split * inliers[:split].var() + (len(inliers) - split) * inliers[split:].var() for split in range(1, latest + 1)
+        split * inliers[:split].var() + (len(inliers) - split) * inliers[split:].var() for split in range(1, last + 1)
     ]
-    return 1 + int(np.argmin(within))
+    first, here_from_key = 1 + int(np.argmin(within)), frames[-1].by_odometry.inverse()
+    return tuple(here_from_key @ frames[k].by_odometry for k in range(first, len(frames) - 1))
 
 
 def odometry_of(frame: SensorFrame) -> Odometry | None:

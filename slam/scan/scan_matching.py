@@ -40,6 +40,8 @@ DISTANCE_PENALTY, ANGLE_PENALTY = 0.15, 0.10
 """Score lost per metre [1/m] and per radian [1/rad] away from the guess."""
 
 _INLIER_DISTANCE = 0.15  # m; a point nearer to a surface supports the match
+_SPACING = 0.02  # m/m; largest space between beams of usual lidars
+_LIKELY = 3.0  # standard deviations of the guess
 _MAX_ITERATIONS = 20  # least-squares steps
 _MIN_COMPLEXITY = 0.003  # below this share of surfaces that face the weak direction, the guess decides there
 
@@ -78,7 +80,7 @@ class Match:
     - `information` (3, 3) of x, y [1/m^2], theta [1/rad^2] in the map frame, from the scan alone.
     - `covariance` (3, 3) [m^2, m rad, rad^2]: realistic errors (see `calibrated_covariance`).
     - `complexity` in [0, 0.5]: share of the matched surfaces that face the weakest direction, 0 between parallel walls.
-    - `degenerate`: the complexity is so low that the pose along the weakest direction is the guess's.
+    - `degenerate`: the complexity is so low, or the refinement has slid along it so far, that the pose there is the guess's.
     """
 
     pose: Pose2
@@ -112,7 +114,7 @@ def match(
         scan, reference, start=coarse, guess=guess, guess_information=guess_information, settings=settings
     )
     complexity, strong = weakest_direction(information)
-    degenerate = complexity < _MIN_COMPLEXITY
+    degenerate = complexity < _MIN_COMPLEXITY or _has_slid(pose, coarse, guess, guess_information)
     if degenerate:
         pose, information = without_weak_direction(pose, information, guess, strong)
     covariance = calibrated_covariance(information)
@@ -126,6 +128,13 @@ def match(
         complexity=complexity,
         degenerate=degenerate,
     )
+
+
+def _has_slid(pose: Pose2, coarse: Pose2, guess: Pose2, guess_information: FloatArray) -> bool:
+    """Return whether a refinement has ended where neither the search nor the guess, with information (3, 3), has the pose."""
+    away = np.array([pose.x - guess.x, pose.y - guess.y, wrapped(pose.theta - guess.theta)])
+    unlikely = float(away @ guess_information @ away) > _LIKELY**2
+    return unlikely and math.hypot(pose.x - coarse.x, pose.y - coarse.y) > WIDE
 
 
 def correlative_search(
@@ -429,6 +438,9 @@ def _refine(
     information = np.zeros((3, 3))
     step = np.ones(3)
     usable, close, square = 0, 0, 0.0
+    spread = math.hypot(0.5 * (guess_information[0, 0] - guess_information[1, 1]), guess_information[0, 1])
+    least = 0.5 * (guess_information[0, 0] + guess_information[1, 1]) - spread
+    slack = 0.5 * (resolution + 1.0 / math.sqrt(max(least, 1.0)))
     for iteration in range(max_iterations):
         kernel = max(NARROW, widest * 0.7**iteration)
         reach = math.ceil(max(0.15, 2.0 * kernel / (1 + iteration)) / resolution)
@@ -448,7 +460,10 @@ def _refine(
             if slot == 0:
                 continue
             mx, my = surfaces[slot, 2], surfaces[slot, 3]
-            residual = mx * (x - surfaces[slot, 0]) + my * (y - surfaces[slot, 1])
+            dx, dy = x - surfaces[slot, 0], y - surfaces[slot, 1]
+            if abs(mx * dy - my * dx) > slack + _SPACING * math.hypot(points[i, 0], points[i, 1]):
+                continue  # beyond the end of what is known, where a surface's normal would pull along it
+            residual = mx * dx + my * dy
             if abs(residual) < inlier_distance:
                 close += 1
                 square += residual * residual

@@ -322,7 +322,7 @@ def test_a_slip_before_a_carry_is_judged_by_the_key_scans_between_them_alone() -
     tears.add(drove)
     tears.add(carry)
     ruling = tears.judged(keys, range(11))
-    assert (ruling.parted, ruling.recent) == (True, [8, 9, 10])
+    assert (ruling.parted, ruling.recent) == ([carry], [8, 9, 10])
     assert [(edge.i, edge.j) for edge in keys.edges if edge.kind is EdgeKind.UNKNOWN] == [(7, 8)]
     assert tears.judged(keys, [8, 9, 10]).took_long is False  # nothing is open
 

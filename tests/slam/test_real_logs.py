@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.scenes.maps.spliced_drives import odometry_in, spliced
+from evaluation.scenes.maps.spliced_drives import odometry_in, spliced, with_odometry
 
 from waychair.geometry import compose
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording
@@ -23,7 +23,7 @@ from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.scan.scan_points import scan_points
 from waychair.slam.trajectory_errors import read_relations
 from waychair.slam.trajectory_errors import relation_errors as own_relation_errors
-from waychair.types import FloatArray, SensorFrame
+from waychair.types import FloatArray, Pose2, SensorFrame
 
 
 def mapped(log: Path) -> Mapping:
@@ -98,6 +98,19 @@ def test_frames_that_fit_by_chance_before_a_tear_lie_beyond_it(
     assert beyond == [k >= count for k in range(len(mapper.frames))]
 
 
+@pytest.mark.parametrize(("lifted", "put_down"), [(76, 136), (79, 142)])
+def test_a_carry_that_no_scan_shows_by_itself_is_found_by_the_next_ones_together(
+    data_dir: Path, lifted: int, put_down: int
+) -> None:
+    """The first scans after the carry match poorly and contradict those before in an eighth of their surfaces only."""
+    recording = read_recording(data_dir / "lidar_radish_corrected" / "seattle-corrected.log.gz")
+    mapper = carried_over(recording, slice(0, lifted), slice(put_down, put_down + 14))
+    torn = next(edge.j for edge in mapper.keys.edges if edge.kind is EdgeKind.UNKNOWN)
+    beyond = (mapper.frames.keys >= torn).tolist()
+    assert not any(beyond[:lifted])
+    assert all(beyond[lifted + 1 :])
+
+
 def test_a_chair_that_is_carried_a_step_along_a_corridor_is_found_there(data_dir: Path) -> None:
     """Carried 1.8 m back: the scan fits poorly where the odometry says, and well where the chair is."""
     recording = read_recording(data_dir / "lidar_intel/intel_first1088s.clf.gz")
@@ -119,13 +132,9 @@ def test_a_chair_that_is_carried_a_step_along_a_corridor_is_found_there(data_dir
 def test_a_carry_to_a_place_that_looks_alike_is_told(data_dir: Path, log: str, lifted: int, put_down: int) -> None:
     result = carried_over(read_recording(data_dir / log), slice(0, lifted), slice(put_down, None)).result()
     told = " ".join(torn_warnings(result))
-    assert "odometry alone joins" in told or "is not joined" in told
+    assert "odometry alone joins" in told or "the scans do not match those before" in told
 
 
-@pytest.mark.nightly
-@pytest.mark.xfail(
-    strict=True, reason="points beyond the end of a known wall are matched with its last surface, 0.9 m in 6 m"
-)
 def test_a_chair_that_backs_along_a_wall_is_not_held_back(data_dir: Path) -> None:
     """The Intel log driven backwards: beside a curved wall at 0.26 m, dozens of near points see new wall."""
     recording = read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz")
@@ -138,6 +147,33 @@ def test_a_chair_that_backs_along_a_wall_is_not_held_back(data_dir: Path) -> Non
     ways = [np.hypot(*(poses[20::20] - poses[:-20:20]).T) for poses in (mapped, by_odometry)]
     assert ways[1].sum() > 10.0
     assert np.abs(ways[0] - ways[1]).max() < 0.15
+
+
+def test_a_refinement_does_not_slide_out_of_its_window(data_dir: Path) -> None:
+    """In a corridor of ACES the refinement slid by 1.1 m from the best pose of its search; noise of 5 % and a degree a metre."""
+    recording = read_recording(data_dir / "lidar_radish_corrected" / "aces-corrected.log.gz")
+    mapper, rng = Mapper(MapperSettings(), recording.base_from_laser), np.random.default_rng(1)
+    scale = 1.0 + 0.05 * rng.normal()
+    frames = [frame for frame in recording.frames if frame.scan is not None][:182]
+    at = before = odometry_in(frames[0]).odom_from_base
+    truth = []
+    for frame in frames:
+        here = odometry_in(frame).odom_from_base
+        step, before = before.inverse() @ here, here
+        way = math.hypot(step.x, step.y)
+        if truth:
+            x, y, turn = rng.normal(), rng.normal(), rng.normal()
+            at = at @ Pose2(
+                step.x * scale + 0.05 * way * x,
+                step.y + 0.015 * way * y,
+                step.theta + math.radians(math.sqrt(way)) * turn,
+            )
+        truth.append(here)
+        mapper.process(with_odometry(frame, at))
+    poses = [Pose2(*pose) for pose in compose(mapper.keys.poses[mapper.frames.keys], mapper.frames.poses)]
+    for k in range(170, 181):
+        off = (truth[k].inverse() @ truth[k + 1]).inverse() @ (poses[k].inverse() @ poses[k + 1])
+        assert math.hypot(off.x, off.y) < 0.35
 
 
 def test_steps_between_stamps_that_stand_still_are_no_jumps_of_the_odometry(data_dir: Path) -> None:

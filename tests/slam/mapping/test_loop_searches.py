@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -62,16 +63,15 @@ def test_a_run_that_ends_while_a_submap_waits_tells_that_it_was_never_searched(
 ) -> None:
     monkeypatch.setattr(loop_candidates, "_SUBMAP_SCANS", 10)
     mapper, told = Mapper(MapperSettings(loops=LoopSettings(drift=0.4)), Pose2()), list[int]()
-    for frame in drive[0][:430]:
+    for frame in drive[0]:
         before = len(mapper.keys)
         mapper.process(frame)
         if len(mapper.keys) > before:
             told.append(mapper._closer.never_searched)
-    waiting = [k for k, count in enumerate(told) if count]
-    assert told[waiting[0] - 1] == 0
-    assert 0 in told[waiting[0] :]  # a run that goes on searches it
-    # the last one became possible between two searches, and the drive ends before the next
-    assert told[-1] == mapper.result().counts["submaps_never_searched"] == 1
+        if told and told[-1] and any(was > then == 0 for was, then in pairwise(told)):
+            break  # a run that goes on has searched one; another became possible between two searches, where the drive ends
+    assert told[0] == 0
+    assert told[-1] == mapper.result().counts["submaps_never_searched"] > 0
 
 
 def three_parts() -> KeyGraph:

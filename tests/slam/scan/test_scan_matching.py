@@ -235,6 +235,24 @@ def test_an_empty_scan_has_no_match() -> None:
     assert (found.pose, found.response, found.inliers) == (HERE, 0.0, 0.0)
 
 
+def test_points_beyond_the_end_of_a_known_wall_do_not_pull_the_chair_along_it() -> None:
+    """A chair that backs along a wall sees new wall beside it: many near points, next to the one with the worst normal."""
+    ahead, beside = np.arange(0.3, 8.0, 0.02), np.arange(0.12, 0.3, 0.005)
+    across = np.arange(-0.9, 0.27, 0.15)
+    walls = [
+        (np.column_stack([ahead, np.full(len(ahead), 0.27)]), (0.0, -1.0)),
+        (np.column_stack([ahead, np.full(len(ahead), -1.0)]), (0.0, 1.0)),
+        (np.column_stack([np.full(len(across), 8.0), across]), (-1.0, 0.0)),
+    ]
+    new = np.column_stack([beside, np.full(len(beside), 0.27)])
+    points, normals = np.concatenate([wall for wall, _ in walls]), np.concatenate([[n] * len(w) for w, n in walls])
+    seen = ScanPoints(np.concatenate([points, new]), np.concatenate([normals, [(0.0, -1.0)] * len(new)]))
+    normals[0] = math.sqrt(0.5), -math.sqrt(0.5)  # at the end of a view a few beams tell the normal
+    ref, prior = reference_from_points(points, normals, 0.05, 0.06), np.diag([900.0, 900.0, 10_000.0])
+    pose, *_ = refine(seen, ref, Pose2(), Pose2(), prior, SETTINGS)
+    assert abs(pose.x) < 0.01
+
+
 def test_refinement_far_from_any_surface_stays_at_the_guess() -> None:
     away = Pose2(100.0, 100.0, 0.5)
     pose, information, inliers, _ = refine(points_at(HERE), reference(), away, away, np.eye(3), SETTINGS)
