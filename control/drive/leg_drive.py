@@ -90,6 +90,10 @@ class LegDrive:
         """Whether something stands on the line ahead, as far as the live picture reaches."""
         return self._follower is not None and self._follower.is_barred
 
+    def can_be_begun(self, command: Twist, limits: DwaSettings) -> bool:
+        """Return whether a chair on the move can slow down in time for all of the line; the window finds its own speed."""
+        return self._follower is None or self._follower.can_be_begun(command, limits)
+
     def remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the leg's end from a pose in map; None while turning there.
 

@@ -374,8 +374,9 @@ class Navigator:
         return limits
 
     def _could_wait(self, leg: PathLeg) -> bool:
-        """Return whether waiting may help on a leg: one without a line, or a turn in several parts before something that may leave."""
-        return not leg.is_line or (leg.backwards and bool(self._maker.what_bars("")))
+        """Return whether waiting may help on a leg: one without a line, or a turn in several parts before somebody who may leave."""
+        people = len(self._people.tracks) > 0
+        return not leg.is_line or (leg.backwards and people and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""

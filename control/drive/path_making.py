@@ -136,7 +136,11 @@ class PathMaker:
                 plan.adopt(*mapped, self.drive_of(mapped[1][0]))
             return
         legs = list(planner.legs)
-        plan.adopt(path, legs, self.drive_of(legs[0]))
+        drive = self.drive_of(legs[0])
+        if not drive.can_be_begun(self._now.command, self._settings.dwa):
+            planner.valid_from_anywhere = False  # the chair stops, and plans from there
+            yield
+        plan.adopt(path, legs, drive)
 
     def drive_of(self, leg: PathLeg) -> LegDrive:
         """Return the drive along a leg, by a chair that strays as it has strayed so far."""

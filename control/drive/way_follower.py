@@ -230,6 +230,14 @@ class WayFollower:
             speeds, along, float(self._along[self._k or 0]), RESERVE * limits.braking, RESERVE * limits.jerk
         )
 
+    def can_be_begun(self, command: Twist, limits: DwaSettings) -> bool:
+        """Return whether a chair on the move at the line's beginning can slow down in time for all of it.
+
+        At these speeds its error stays within the room; one that is faster in a bend leaves the line.
+        """
+        highest = fastest_now(self._speeds_within(limits), self._along, 0.0, limits.braking, limits.jerk)
+        return self._gear * command.v <= highest + _NEGLIGIBLE
+
     def _feedback(self, at: _OnLine, turns: float, speed: float, limits: DwaSettings) -> Twist:
         """Return a speed [m/s] along the line, and the turn rate back onto it; the last one was `turns` [rad/s]."""
         v = self._gear * speed
@@ -311,6 +319,9 @@ class WayFollower:
                     return DwaResult(twist, np.array([[target.v, target.omega]]), np.zeros(1), arc)
         return _halted(tick, limits)
 
+
+_NEGLIGIBLE = 0.1
+"""[m/s] A chair too fast by no more for the beginning of its line brakes on it."""
 
 _TURN_AS_WAY = 0.5
 """[m/rad] Distance that a turn counts for where progress is judged."""

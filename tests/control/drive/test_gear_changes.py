@@ -1,15 +1,17 @@
-"""Moving to and fro at one place ends: after four changes of gear a chair waits instead of backing again."""
+"""Moving to and fro before people ends: after four changes of gear a chair waits instead of backing again."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from tests.control.drive.navigator_hall import drive, hall, navigator, segment
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.drive.navigator import Stage
 from waychair.control.drive.navigator_state import MOST_CHANGES, GearChanges
 from waychair.control.drive.recovery import Recovery, RecoverySettings
 from waychair.maps.grid.distance_field import DistanceField, distances
 from waychair.planning.window.motion_limits import DwaSettings
-from waychair.types import Pose2, Twist
+from waychair.types import Goal, Pose2, Twist
 
 
 def driven(*ways: float) -> GearChanges:
@@ -59,3 +61,11 @@ def test_a_stuck_chair_that_must_not_back_has_no_tries_left() -> None:
         assert choice is None
     assert recovery.exhausted
     assert not recovery.backing
+
+
+def test_before_things_a_chair_that_has_changed_gear_enough_still_backs_to_a_goal_behind_it() -> None:
+    pilot = navigator(hall((0.0, 0.0, 12.0, 3.55), (0.0, 4.45, 12.0, 8.0)))
+    pilot.go(Goal(Pose2(2.0, 4.0, 0.0)))
+    pilot._now.gears = driven(0.5, -0.3, 0.3, -0.3, 0.3)
+    states, _ = drive(pilot, Pose2(5.0, 4.0, 0.0), 20, segment(6.1, 3.6, 6.1, 4.4))
+    assert states[-1].stage is Stage.ARRIVED

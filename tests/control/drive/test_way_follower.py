@@ -274,3 +274,15 @@ def test_at_the_end_the_chair_turns_no_more_exactly_than_its_goal_asks_and_it_ca
     choice = step(follower(straight(1.0)), Pose2(1.0, 0.0, error), Twist(), limits=limits)
     assert choice.arrived == arrives
     assert (choice.twist == Twist()) == arrives
+
+
+def test_a_line_is_begun_only_at_a_speed_at_which_the_chair_stays_on_it() -> None:
+    bend = np.array([along_arc(0.0, 0.0, 0.0, s, 1.5 * s, 1.0) for s in np.linspace(0.0, 1.0, 11)])
+    then = bend[-1, :2] + np.linspace(0.1, 3.0, 30)[:, None] * (math.cos(1.5), math.sin(1.5))
+    line = np.concatenate([bend, np.column_stack([then, np.full(30, 1.5)])])
+    assert not follower(line).can_be_begun(Twist(0.8, 0.0), LIMITS)
+    assert follower(line).can_be_begun(Twist(0.3, 0.0), LIMITS)
+    assert follower(straight(3.0)).can_be_begun(Twist(0.8, 0.0), LIMITS)
+    turn = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+    assert not follower(turn).can_be_begun(Twist(0.3, 0.0), LIMITS)
+    assert follower(turn).can_be_begun(Twist(), LIMITS)

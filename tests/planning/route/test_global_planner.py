@@ -212,3 +212,33 @@ def test_a_plan_from_inside_a_corridor_ends_at_its_goal_and_not_at_the_end_of_th
     np.testing.assert_allclose(poses[-1], goal.array(), atol=0.02)
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() <= 0.1 + 1e-6
     np.testing.assert_allclose(planner.legs[-1].path.poses[-1], goal.array(), atol=0.02)
+
+
+def bent_gap(opened: bool = False, long_way: bool = True) -> Costmap:
+    """A wall whose gap leads into a passage as narrow as the chair, which is as wide as two chairs once it is `opened`.
+
+    The other way round the wall is 20 m longer.
+    """
+    cells = np.zeros((320, 160), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]], cells[:, 80:82] = 100, 100, 100
+    cells[20:38, 80:82] = 0
+    cells[:60, 97:99] = 0 if opened else 100
+    if long_way:
+        cells[270:300, 80:82] = 0
+    return costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A)
+
+
+def test_a_gap_that_only_half_the_width_passes_is_refused_at_once_for_a_longer_way() -> None:
+    start, goal = Pose2(2.0, 1.45, 0.0), Pose2(7.0, 1.45, 0.0)
+    planner = GlobalPlanner(goal)
+    assert planner.replan(bent_gap(), start).length() > 24.0
+    pops = planner.pops
+    assert planner.replan(bent_gap(), start).length() > 24.0
+    assert planner.pops - pops < pops / 10  # it is known
+    assert planner.replan(bent_gap(opened=True), start).length() < 6.0
+
+
+def test_a_gap_that_every_way_leads_through_is_refused_with_its_place() -> None:
+    with pytest.raises(NoPath, match="not even with a multi-point turn") as refused:
+        plan(bent_gap(long_way=False), Pose2(2.0, 1.45, 0.0), Pose2(7.0, 1.45, 0.0))
+    assert refused.value.place == pytest.approx((4.4, 1.6), abs=0.6)
