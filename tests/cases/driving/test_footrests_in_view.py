@@ -66,7 +66,7 @@ def test_footrests_just_outside_it_are_told_of_while_the_drive_waits_and_proven_
         ride.chair.go(FAR)
         ride.chair.confirm()
         told = None
-        for k in range(400):
+        for k in range(500):  # what stays is told of after 15 s
             state = ride.tick()
             told = k if told is None and "near_parts" in stops(ride) else told
             if not state.verdict.computer_drives:
