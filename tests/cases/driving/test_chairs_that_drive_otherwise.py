@@ -20,19 +20,12 @@ def test_a_chair_that_answers_late_arrives_later_and_touches_nothing(scene: str,
     assert late.seconds > run_wrong_chair(scene, "none", seed).seconds
 
 
-_TOUCHES = pytest.mark.xfail(
-    strict=True,
-    reason="it drives straight where it is to turn past the jamb, and is stopped too late: a touch at 0.08 m/s",
-)
-
-
 @pytest.mark.sampled(2)  # one at the door, one at the corner; both are named
 @pytest.mark.parametrize(
     ("scene", "seed"),
     [
-        *((DOOR, seed) for seed in range(5)),
+        *((DOOR, seed) for seed in (0, 1, 2, 3, 4, 7)),
         *((CORNER, seed) for seed in (1, 0, 2, 3, 4)),
-        pytest.param(DOOR, 7, marks=_TOUCHES),
     ],
 )
 def test_a_chair_that_turns_lazily_is_named_or_arrives_later_and_touches_nothing(scene: str, seed: int) -> None:
