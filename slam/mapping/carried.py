@@ -47,8 +47,8 @@ _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must b
 _POOR_SLIP_CONTRADICTED = 0.03
 _SLIP_SHARE = 0.5  # of the contradiction at the odometry's pose is left where it slipped
 _AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
-_LEAST_SHARED_EACH = 40  # the same for each pair of a key scan before a slip and one after it, in the mean
 _LEAST_SHARED = 60  # surface points that must be shared with all scans before; fewer prove nothing
+_LEAST_SHARED_EACH = 40  # the same in the mean of all pairs of a key scan before a slip and one after it
 _AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove, and from which it was carried
 # Of 50 carries the least share near the odometry's pose was 0.29; where real drives were doubted, it was 0.12 to 0.24.
 _ODOMETRY_AGREED, _ODOMETRY_CARRIED = 0.2, 0.25  # the same where the parts lie as the odometry says
