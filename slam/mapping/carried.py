@@ -275,13 +275,17 @@ class CarryJudge:
         Where the odometry agrees with the match in doubt, more of them are needed, and a carry shows within `_LAST_DOUBTED`.
         """
         first, last = (1, JUDGED_AT[-1]) if slip.claims_slip else (_FIRST_DOUBTED, _LAST_DOUBTED)
-        before = slip.before[-_BEFORE:]
-        seen = self._laid(keys, self.views(keys, before), since, Pose2())
-        usual = self._usual(keys, slip.before) + self._usual(keys, since)
-        enough = len(since) >= first and seen.shared >= _LEAST_SHARED_EACH * len(before) * len(since)
-        if enough and seen.contradiction - usual > _SLIP_CARRIED:
+        if len(since) >= first and self._contradict(keys, slip.before, since):
             return Verdict.CARRIED
         return Verdict.DROVE if is_final or len(since) >= last else Verdict.OPEN
+
+    def _contradict(self, keys: KeyGraph, before: Sequence[int], since: Sequence[int]) -> bool:
+        """Return whether key scans contradict those before them by more than a drive does, and more than is usual here."""
+        latest = before[-_BEFORE:]
+        seen = self._laid(keys, self.views(keys, latest), since, Pose2())
+        if seen.shared < _LEAST_SHARED_EACH * len(latest) * len(since) or seen.contradiction <= _SLIP_CARRIED:
+            return False
+        return seen.contradiction - (self._usual(keys, before) + self._usual(keys, since)) > _SLIP_CARRIED
 
     def _laid(
         self, keys: KeyGraph, earlier: Sequence[tuple[View, Pose2]], nodes: Sequence[int], moved: Pose2

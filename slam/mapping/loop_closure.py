@@ -371,12 +371,11 @@ class LoopCloser:
     def _is_expected(self, keys: KeyGraph, find: Edge) -> bool:
         """Return whether a find in the chair's own part of the map moves it no farther than the odometry may have drifted."""
         gap = keys.pose(find.j).inverse() @ _find_of(keys, find).pose
-        drift = self._settings.drift * float(graph_distances(keys.poses, keys.edge_arrays, find.j)[find.i])
-        near = (
-            math.hypot(gap.x, gap.y) <= min(max(MAX_WINDOW, drift), _FARTHEST_EXPECTED) and abs(gap.theta) <= MAX_ANGLE
-        )
+        path_length = graph_distances(keys.poses, keys.edge_arrays, find.j)[find.i]
+        window = np.clip(self._settings.drift * path_length, MAX_WINDOW, _FARTHEST_EXPECTED)
+        near = math.hypot(gap.x, gap.y) <= window and abs(gap.theta) <= MAX_ANGLE
         part = keys.parts()
-        return near and bool(part[find.i] == part[find.j])
+        return bool(near and part[find.i] == part[find.j])
 
     def _is_one_place(self, keys: KeyGraph, finds: Sequence[Edge]) -> bool:
         """Return whether the chair can be at all places that the finds of one view lead to.

@@ -28,7 +28,7 @@ from waychair.slam.mapping.loop_candidates import MIN_LOOP_PATH, LoopSettings
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
-from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, frames_beyond, odometry_of, twist_of
+from waychair.slam.mapping.tracking import TrackedFrame, TrackingState, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
@@ -336,8 +336,8 @@ class Mapper:
             information = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             edge = Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
             if doubt > SUSPICIOUS or math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > SLIP_CLAIMED:
-                beyond = frames_beyond(self._state.since_match, self._state.doubted)
-                self._state.slip = OpenTear(edge, tuple(self._recent_keys), by_odometry, here_from_base, beyond=beyond)
+                before, beyond = tuple(self._recent_keys), self._state.frames_beyond()
+                self._state.slip = OpenTear(edge, before, by_odometry, here_from_base, beyond=beyond)
             return edge
 
     def _is_first_doubt(self, edge: Edge | None) -> bool:
@@ -384,7 +384,7 @@ class Mapper:
             step = self._state.last_match.inverse() @ self._state.by_odometry
             known = odometry_information(step) / (1.0 if self._state.odometry is not None else _GUESS_DOUBT)
             self._follow(self._tears.begin_part(self.keys, self._recent_keys, torn, known))
-            self._attach_before(len(self.frames), node, frames_beyond(self._state.since_match, self._state.doubted))
+            self._attach_before(len(self.frames), node, self._state.frames_beyond())
         self._recent_keys = []
         self._closer.begin_part()
         self._state.unmatched = 0
@@ -426,13 +426,13 @@ class Mapper:
     def _distribute_correction(self, here_from_base: Pose2) -> None:
         """Distribute the correction of a match over the frames before it that only odometry has placed."""
         unmatched, self._state.unmatched = self._state.unmatched, 0
-        reached = self.frames[-1].key_from_base @ self._state.motion
-        gap = reached.inverse() @ here_from_base
         if unmatched < 2:
-            if (slip := self._state.slip) is not None and math.hypot(gap.x, gap.y) > SLIP_CLAIMED:
+            if (slip := self._state.slip) is not None and slip.claims_slip:
                 beyond = [here_from_base @ pose for pose in slip.beyond]
                 self._attach_before(len(self.frames), self._current_key, beyond)
             return
+        reached = self.frames[-1].key_from_base @ self._state.motion
+        gap = reached.inverse() @ here_from_base
         for k in range(1, unmatched):
             frame = self.frames[k - unmatched]
             moved = frame.key_from_base @ interpolate(Pose2(), gap, k / unmatched)

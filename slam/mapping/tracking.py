@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,19 +37,20 @@ class TrackingState:
     # the frame of the last full match, and those after it
     since_match: deque[TrackedFrame] = field(default_factory=lambda: deque(maxlen=_TRACKED_FRAMES))
 
+    def frames_beyond(self) -> tuple[Pose2, ...]:
+        """Return the poses, relative to the latest frame by odometry, of those before it that lie beyond a tear or slip, too.
 
-def frames_beyond(frames: Sequence[TrackedFrame], doubted: int) -> tuple[Pose2, ...]:
-    """Return the poses, relative to the latest frame by odometry, of those before it that lie beyond a tear or slip, too.
-
-    The latest `doubted` scans show it. It lies where the share of inliers drops most: the frames before and after it differ
-    most if they are split there, which is the split of least variance within both.
-    """
-    inliers, last = np.array([frame.inliers for frame in frames]), max(len(frames) - max(doubted, 1), 1)
-    within = [
-        split * inliers[:split].var() + (len(inliers) - split) * inliers[split:].var() for split in range(1, last + 1)
-    ]
-    first, here_from_key = 1 + int(np.argmin(within)), frames[-1].by_odometry.inverse()
-    return tuple(here_from_key @ frames[k].by_odometry for k in range(first, len(frames) - 1))
+        The scans in doubt show it. It lies where the share of inliers drops most: the frames before and after it differ most
+        if they are split there, which is the split of least variance within both.
+        """
+        frames = self.since_match
+        inliers, last = np.array([frame.inliers for frame in frames]), max(len(frames) - max(self.doubted, 1), 1)
+        within = [
+            split * inliers[:split].var() + (len(inliers) - split) * inliers[split:].var()
+            for split in range(1, last + 1)
+        ]
+        first, here_from_key = 1 + int(np.argmin(within)), frames[-1].by_odometry.inverse()
+        return tuple(here_from_key @ frames[k].by_odometry for k in range(first, len(frames) - 1))
 
 
 def odometry_of(frame: SensorFrame) -> Odometry | None:
