@@ -21,7 +21,8 @@ from waychair.maps.grid.cells import cells_from_points, cells_where, inside
 from waychair.planning.body.clearance import HARD, NARROW, STRAIGHT_DOOR
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, check_free_space
-from waychair.planning.grid.grid_graph import MAX_PRICE, Cell
+from waychair.planning.grid.grid_graph import Cell
+from waychair.planning.grid.refused_gaps import RefusedGap, refused_on, with_dear_gaps
 from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
@@ -41,7 +42,7 @@ from waychair.planning.seen.forecast import (
 )
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
-from waychair.types import Float32Array, FloatArray, IntArray, Path, Pose2
+from waychair.types import FloatArray, IntArray, Path, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,56 +100,6 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2, start: Pose2 | No
 _MOST_REFUSED = 4
 """Lines of one plan that are tried: each may take a search for a multi-point turn."""
 
-_GAP, _BEFORE_CHAIR, _OF_PLACE = 0.3, 0.8, 1.5
-"""[m] Radius round the middle of a refused gap in which cells are dear; a gap is no nearer to the chair than the second, and
-no farther than the third from the place where the chair does not fit: what lies ahead is refused where it cannot set off."""
-
-_ROUND_GAP, _WIDER = 1.0, 2.5
-"""[m] Surroundings of a refused gap where nothing may go away, and the cells by which the noise of a scan changes a clearance."""
-
-
-@dataclass(frozen=True, slots=True)
-class _RefusedGap:
-    """A gap with its middle (2,) [m] in map, wide enough for the cells' search, that the whole chair does not pass.
-
-    `clearance` (N,) [m] is that of its surroundings then; `error` says why the chair does not fit.
-    """
-
-    place: FloatArray
-    clearance: Float32Array
-    error: NoPath
-
-    def is_on(self, line: FloatArray) -> bool:
-        """Return whether a line (N, 2) [m] leads through it."""
-        return bool((np.hypot(*(line - self.place).T) < _GAP).any())
-
-    def is_as_narrow(self, costmap: Costmap) -> bool:
-        """Return whether nothing round it has gone."""
-        now = costmap.clearance[_round(costmap, self.place, _ROUND_GAP)]
-        wider = _WIDER * costmap.grid.resolution
-        return len(now) == len(self.clearance) and float((now - self.clearance).max(initial=0.0)) < wider
-
-
-def _refused_on(line: FloatArray, here: Pose2, error: NoPath, costmap: Costmap) -> _RefusedGap | None:
-    """Return the gap on a line (N, 2) [m] that an error is about; None if it is about none on the way."""
-    if error.place is None:
-        return None
-    off = np.hypot(*(line - error.place).T)
-    off[np.hypot(*(line - (here.x, here.y)).T) < _BEFORE_CHAIR] = math.inf
-    k = int(np.argmin(off))
-    if off[k] > _OF_PLACE:
-        return None
-    return _RefusedGap(line[k], costmap.clearance[_round(costmap, line[k], _ROUND_GAP)], error)
-
-
-def _round(costmap: Costmap, place: FloatArray, within: float) -> tuple[IntArray, IntArray]:
-    """Return rows and columns of the cells within a distance [m] of a place (2,) [m] in map."""
-    reach = math.ceil(within / costmap.grid.resolution)
-    around = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
-    cells = cells_from_points(costmap.grid, place[None]) + around[np.hypot(*around.T) <= reach]
-    rows, columns = cells[inside(costmap.grid, cells)].T
-    return rows, columns
-
 
 _LIMITS = DwaSettings()
 
@@ -172,7 +123,7 @@ class GlobalPlanner:
         self._side = 1.0  # where the chair passes people: 1.0 on the usual side, -1.0 on the other
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
-        self._refused: list[_RefusedGap] = []
+        self._refused: list[RefusedGap] = []
         self.legs: tuple[PathLeg, ...] = ()
         self.valid_from_anywhere = False
 
@@ -216,7 +167,8 @@ class GlobalPlanner:
     ) -> Resumable[tuple[PathLeg, ...]]:
         """Return the legs along the cheapest line on which the whole chair fits; a gap that refuses it is dear at once."""
         for _ in range(_MOST_REFUSED):
-            priced = self._priced(costmap)
+            self._refused = [gap for gap in self._refused if gap.is_as_narrow(costmap)]
+            priced = with_dear_gaps(costmap, self._refused)
             yield from prepared(self._search_over(priced, start()), has_time)
             here = start()
             line = line_over(priced, self._cells(priced, here), here, self.goal)
@@ -232,23 +184,12 @@ class GlobalPlanner:
             except NoPath as error:
                 if among_people:
                     return (self._plain_leg(costmap, line),)
-                gap = _refused_on(line, here, error, costmap)
+                gap = refused_on(line, here, error, costmap)
                 if gap is None:
                     raise
                 self._refused.append(gap)
         first, self._refused = self._refused[0], []
         raise first.error
-
-    def _priced(self, costmap: Costmap) -> Costmap:
-        """Return the costmap with the gaps that have refused the chair, as long as they are as narrow, at the highest price."""
-        self._refused = [gap for gap in self._refused if gap.is_as_narrow(costmap)]
-        if not self._refused:
-            return costmap
-        prices = costmap.prices.copy()
-        for gap in self._refused:
-            at = _round(costmap, gap.place, _GAP)
-            prices[at] = np.where(prices[at] > 0, MAX_PRICE, 0)
-        return replace(costmap, prices=prices)
 
     def _plain_leg(self, costmap: Costmap, line: FloatArray) -> PathLeg:
         """Return the line (N, 2) [m] with its corners rounded for the half width alone."""
